@@ -1,0 +1,179 @@
+"""The r–z grid and the field on it: what the rooms of granpipe hand to each other.
+
+Cells are indexed ``[iz, ir]``; z points up, r from the axis, downward flow is negative. Fluxes live on the faces of
+the cells (staggered), so that the balance of every cell is a plain sum of its four faces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granpipe.errors import DataError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A uniform grid of annular cells.
+
+    Parameters
+    ----------
+    r_edges : (nr+1,) radii of the cell edges [m], from 0
+    z_edges : (nz+1,) heights of the cell edges [m], rising
+    """
+
+    r_edges: Array
+    z_edges: Array
+
+    @classmethod
+    def covering(cls, r_max: float, z_min: float, z_max: float, cell: float) -> Grid:
+        """Grid whose rows fill [z_min, z_max] exactly, with cells as near to `cell` [m] as that allows."""
+        rows = max(1, round((z_max - z_min) / cell))
+        size = (z_max - z_min) / rows
+        columns = max(1, int(np.ceil(r_max / size - 1e-9)))
+        return cls(size * np.arange(columns + 1), np.linspace(z_min, z_max, rows + 1))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(nz, nr)."""
+        return len(self.z_edges) - 1, len(self.r_edges) - 1
+
+    @property
+    def cell(self) -> float:
+        """Edge length h of a cell [m]."""
+        return float(self.z_edges[-1] - self.z_edges[0]) / self.shape[0]
+
+    @property
+    def r_centres(self) -> Array:
+        """(nr,) [m]."""
+        return 0.5 * (self.r_edges[1:] + self.r_edges[:-1])
+
+    @property
+    def z_centres(self) -> Array:
+        """(nz,) [m]."""
+        return 0.5 * (self.z_edges[1:] + self.z_edges[:-1])
+
+    @property
+    def ring_area(self) -> Array:
+        """(nr,) area of the horizontal face of each ring [m²]."""
+        return np.asarray(np.pi * np.diff(self.r_edges**2))
+
+    @property
+    def side_area(self) -> Array:
+        """(nr+1,) area of the cylindrical face at each edge radius [m²]; 0 on the axis."""
+        return np.asarray(2 * np.pi * self.r_edges * self.cell)
+
+    @property
+    def cell_volume(self) -> Array:
+        """(nr,) volume of a cell [m³], the same in every row."""
+        return np.asarray(self.ring_area * self.cell)
+
+
+@dataclass(frozen=True)
+class Field:
+    """A flow field on the outline's own z-range; the same for DEM, fluid and hybrid.
+
+    Fluxes are solids flux F = φ v [m/s], averaged over the whole annular face (its part outside the outline counts as
+    area without flow), at DEM scale: multiply by `flow_scale` for the flow rate that the case asks for. What a model
+    does not know is None.
+
+    Parameters
+    ----------
+    grid : r and z edges
+    packing_fraction : (nz, nr) solids fraction φ of the part of each cell inside the outline
+    inside_fraction : (nz, nr) part of each cell's volume inside the outline
+    bulk : (nz, nr) True where solids flow or rest
+    flux_r, flux_z : (nz, nr+1), (nz+1, nr) the final field [m/s]
+    bulk_flow : bulk flow Φ at DEM scale [m³/s], positive downwards
+    bulk_packing : φ_ref, the packing that turns solids flux into bulk velocity U = F/φ_ref
+    flow_scale : s_Φ = target flow / bulk_flow
+    raw_flux_r, raw_flux_z : the plain average, before any adjustment [m/s]
+    *_se : standard error of the like-named array [m/s]
+    psi : (nz+1, nr+1) Stokes stream function of the final field [m³/s per radian], −φ_ref Φ/2π on the outer wall
+    """
+
+    grid: Grid
+    packing_fraction: Array
+    inside_fraction: Array
+    bulk: Mask
+    flux_r: Array
+    flux_z: Array
+    bulk_flow: float
+    bulk_packing: float
+    flow_scale: float
+    raw_flux_r: Array | None = None
+    raw_flux_z: Array | None = None
+    flux_r_se: Array | None = None
+    flux_z_se: Array | None = None
+    raw_flux_r_se: Array | None = None
+    raw_flux_z_se: Array | None = None
+    psi: Array | None = None
+
+    @property
+    def velocity_scale(self) -> float:
+        """Factor from solids flux at DEM scale to bulk velocity at the flow rate of the case."""
+        return self.flow_scale / self.bulk_packing
+
+    def save(self, path: Path) -> None:
+        """Write ``field.npz``: every array and scalar that is known, uncompressed names as in this class."""
+        known = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "grid"}
+        np.savez_compressed(
+            path,
+            format_version=FORMAT_VERSION,
+            r_edges=self.grid.r_edges,
+            z_edges=self.grid.z_edges,
+            **{name: value for name, value in known.items() if value is not None},
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> Field:
+        """Read ``field.npz``; DataError where it is none or of another format version."""
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                stored = {name: data[name] for name in data.files}
+            version = int(stored.pop("format_version"))
+            if version != FORMAT_VERSION:
+                raise DataError(f"{path}: field format {version}; this granpipe reads {FORMAT_VERSION}: run again")
+            grid = Grid(stored.pop("r_edges"), stored.pop("z_edges"))
+            values = {name: float(value) if value.ndim == 0 else value for name, value in stored.items()}
+            return cls(grid=grid, **values)  # type: ignore[arg-type]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise DataError(f"{path}: not a field.npz that granpipe wrote ({error})") from error
+
+
+def flux_from_psi(psi: Array, grid: Grid) -> tuple[Array, Array]:
+    """Face fluxes of a stream function on the nodes: exactly divergence-free in every cell.
+
+    With u = −(1/r)∂ψ/∂z and w = (1/r)∂ψ/∂r, the flow through a face is 2π times the difference of ψ between its ends.
+
+    Parameters
+    ----------
+    psi : (nz+1, nr+1) [m³/s per radian], 0 on the axis
+
+    Returns
+    -------
+    flux_r, flux_z : (nz, nr+1), (nz+1, nr) [m/s]
+    """
+    flux_r = np.zeros((psi.shape[0] - 1, psi.shape[1]))
+    flux_r[:, 1:] = -2 * np.pi * np.diff(psi, axis=0)[:, 1:] / grid.side_area[1:]
+    flux_z = 2 * np.pi * np.diff(psi, axis=1) / grid.ring_area
+    return flux_r, flux_z
+
+
+def level_flow(flux_z: Array, grid: Grid) -> Array:
+    """(nz+1,) flow through each horizontal level [m³/s], positive downwards."""
+    return np.asarray(-(flux_z @ grid.ring_area))
+
+
+def divergence(flux_r: Array, flux_z: Array, grid: Grid) -> Array:
+    """(nz, nr) net outflow of each cell divided by its volume [1/s]."""
+    outflow = np.diff(flux_r * grid.side_area, axis=1) + np.diff(flux_z, axis=0) * grid.ring_area
+    return np.asarray(outflow / grid.cell_volume)

@@ -1,0 +1,31 @@
+"""How rooms report progress: through an object passed in; only the command line prints."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class Progress(Protocol):
+    """Receiver of progress reports."""
+
+    def stage(self, name: str, detail: str = "") -> None:
+        """A stage begins (or was found done: the detail says so)."""
+
+    def update(self, fraction: float, text: str) -> None:
+        """The present stage is at `fraction` (0–1); `text` is one short line."""
+
+    def note(self, text: str) -> None:
+        """Something that the user should read, printed once."""
+
+
+class Silent:
+    """Progress that nobody watches."""
+
+    def stage(self, name: str, detail: str = "") -> None:
+        pass
+
+    def update(self, fraction: float, text: str) -> None:
+        pass
+
+    def note(self, text: str) -> None:
+        pass

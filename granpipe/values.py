@@ -1,0 +1,254 @@
+"""Kinds of case values: how a number, a choice or a name is read, what it accepts, and how the schema says so.
+
+Each kind is pydantic metadata that reads the raw YAML value itself, so that every message is one sentence about what
+must stand there.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NoReturn, get_args
+
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from granpipe.errors import KeyPath
+from granpipe.units import NUMBER, Dimension, UnitError, accepted, flow_in_si, in_si
+
+MAX_INTEGER = 2**31 - 1
+
+
+def refuse(message: str, key: KeyPath = (), show_value: bool = True) -> NoReturn:
+    """Reject a value with one sentence; `key` points below the value being validated."""
+    raise PydanticCustomError("refused", "{text}", {"text": message, "key": key, "show_value": show_value})
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """`; did you mean …?` for the nearest known word, or the list of all."""
+    words = list(known)
+    near = difflib.get_close_matches(word, words, n=1, cutoff=0.6)
+    return f"did you mean `{near[0]}`?" if near else f"known here: {', '.join(words)}"
+
+
+class Kind:
+    """Base of the kinds: `read` turns the raw value into the resolved one or refuses it."""
+
+    def read(self, value: Any) -> Any:
+        raise NotImplementedError
+
+    def schema(self) -> dict[str, Any]:
+        raise NotImplementedError
+
+    def accepts(self) -> str:
+        """What may stand here, for documentation."""
+        raise NotImplementedError
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.read, serialization=core_schema.plain_serializer_function_ser_schema(lambda value: value)
+        )
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return self.schema()
+
+
+@dataclass(frozen=True)
+class Quantity(Kind):
+    """A number with or without unit, within bounds; `auto` where granpipe can choose."""
+
+    dimension: Dimension = NUMBER
+    above: float | None = None
+    at_least: float | None = None
+    below: float | None = None
+    at_most: float | None = None
+    auto: bool = False
+
+    def read(self, value: Any) -> float | Literal["auto"]:
+        if self.auto and value == "auto":
+            return "auto"
+        try:
+            number = in_si(value, self.dimension)
+        except UnitError as error:
+            refuse(f"{error}, or auto" if self.auto else str(error))
+        if not self._inside(number):
+            refuse(f"must be {self.bounds()}")
+        return number
+
+    def _inside(self, number: float) -> bool:
+        return not (
+            (self.above is not None and number <= self.above)
+            or (self.at_least is not None and number < self.at_least)
+            or (self.below is not None and number >= self.below)
+            or (self.at_most is not None and number > self.at_most)
+        )
+
+    def bounds(self) -> str:
+        """``in (0, 1]``, ``above 0 m`` and the like; empty without bounds."""
+        low = self.above if self.above is not None else self.at_least
+        high = self.below if self.below is not None else self.at_most
+        unit = f" {self.dimension.unit}" if self.dimension.unit else ""
+        if low is not None and high is not None:
+            left, right = "(" if self.above is not None else "[", ")" if self.below is not None else "]"
+            return f"in {left}{low:g}, {high:g}{right}{unit}"
+        if low is not None:
+            return f"{'above' if self.above is not None else 'at least'} {low:g}{unit}"
+        if high is not None:
+            return f"{'below' if self.below is not None else 'at most'} {high:g}{unit}"
+        return ""
+
+    def accepts(self) -> str:
+        text = accepted(self.dimension)
+        text = f"{text}; {self.bounds()}" if self.bounds() else text
+        return f"{text}; or `auto`" if self.auto else text
+
+    def schema(self) -> dict[str, Any]:
+        number: dict[str, Any] = {"type": "number"}
+        names = {"exclusiveMinimum": self.above, "minimum": self.at_least}
+        names |= {"exclusiveMaximum": self.below, "maximum": self.at_most}
+        number |= {name: bound for name, bound in names.items() if bound is not None}
+        text = {"type": "string", "pattern": r"^[+-]?[0-9.]", "maxLength": 64}
+        auto = [{"const": "auto"}] if self.auto else []
+        return {"anyOf": [*([number] if self.dimension.bare else []), text, *auto]}
+
+
+@dataclass(frozen=True)
+class Whole(Kind):
+    """A whole number within bounds; `auto` where granpipe can choose."""
+
+    at_least: int
+    at_most: int = MAX_INTEGER
+    auto: bool = False
+
+    def read(self, value: Any) -> int | Literal["auto"]:
+        if self.auto and value == "auto":
+            return "auto"
+        if not isinstance(value, int) or isinstance(value, bool) or not self.at_least <= value <= self.at_most:
+            refuse(f"must be {self.accepts()}")
+        return value
+
+    def accepts(self) -> str:
+        text = f"a whole number from {self.at_least} to {self.at_most}"
+        return f"{text}, or `auto`" if self.auto else text
+
+    def schema(self) -> dict[str, Any]:
+        number = {"type": "integer", "minimum": self.at_least, "maximum": self.at_most}
+        return {"anyOf": [number, {"const": "auto"}]} if self.auto else number
+
+
+class Choice(Kind):
+    """One of a few words, given as a `Literal`."""
+
+    def __init__(self, literal: Any) -> None:
+        self.words: tuple[str, ...] = get_args(literal)
+
+    def read(self, value: Any) -> str:
+        if value not in self.words:
+            near = f"; {did_you_mean(value, self.words)}" if isinstance(value, str) and _near(value, self.words) else ""
+            refuse(f"must be {self.accepts()}{near}")
+        return str(value)
+
+    def accepts(self) -> str:
+        return " | ".join(self.words)
+
+    def schema(self) -> dict[str, Any]:
+        return {"enum": list(self.words)}
+
+
+def _near(word: str, words: Iterable[str]) -> bool:
+    return bool(difflib.get_close_matches(word, list(words), n=1))
+
+
+class Choices(Choice):
+    """A list of different words out of a few."""
+
+    def read(self, value: Any) -> Any:
+        if not isinstance(value, (list, tuple)):
+            refuse(f"must be {self.accepts()}")
+        for index, word in enumerate(value):
+            if word not in self.words or word in value[:index]:
+                reason = "given twice" if word in self.words else f"must be one of {' | '.join(self.words)}"
+                refuse(reason, (index,))
+        return tuple(value)
+
+    def accepts(self) -> str:
+        return f"a list of {', '.join(self.words)} (each at most once)"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "array", "items": {"enum": list(self.words)}, "uniqueItems": True}
+
+
+@dataclass(frozen=True)
+class Name(Kind):
+    """Text that is safe in file names and decks."""
+
+    longest: int = 64
+
+    @property
+    def pattern(self) -> str:
+        return rf"[A-Za-z0-9][A-Za-z0-9_-]{{0,{self.longest - 1}}}"
+
+    def read(self, value: Any) -> str:
+        text = str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+        if not isinstance(text, str) or not re.fullmatch(self.pattern, text):
+            refuse(f"must be {self.accepts()}")
+        return text
+
+    def accepts(self) -> str:
+        return f"letters, digits, `_` and `-`, first a letter or digit, at most {self.longest}"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "string", "pattern": f"^{self.pattern}$"}
+
+
+class Flow(Kind):
+    """A flow as (value, dimension); the unit decides between volume and mass."""
+
+    def read(self, value: Any) -> Any:
+        try:
+            number, dimension = flow_in_si(value)
+        except UnitError as error:
+            refuse(str(error))
+        if number <= 0:
+            refuse("must be above 0")
+        return number, dimension
+
+    def accepts(self) -> str:
+        return "a volume flow of bulk such as 1 m^3/h, or a mass flow such as 2 t/h or 0.5 kg/s"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "string", "maxLength": 64}
+
+
+@dataclass(frozen=True)
+class Short:
+    """Metadata of a field whose group of keys has a short form: adds the short form's JSON Schema."""
+
+    short: Callable[[], dict[str, Any]]
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [self.short(), handler(core)]}
+
+
+class Group(BaseModel):
+    """A group of keys. Frozen; unknown keys are refused before anything else is said about the group."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    short: ClassVar[str] = ""  # the key that a value standing in place of the group is read as
+
+    @model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, data: Any) -> Any:
+        if isinstance(data, cls):
+            return data
+        if cls.short and data is not None and not isinstance(data, Mapping):
+            return {cls.short: data}
+        if not isinstance(data, Mapping):
+            refuse(f"must be a group of keys: {', '.join(cls.model_fields)}")
+        for key in data:
+            if key not in cls.model_fields:
+                refuse(f"unknown key; {did_you_mean(str(key), cls.model_fields)}", (key,), show_value=False)
+        return data

@@ -1,0 +1,165 @@
+"""YAML text into plain data, with the line of every key.
+
+Reads what users mean: ``1e-5`` and ``4.7e9`` are numbers (PyYAML takes them for text), only ``true`` and ``false``
+are booleans, and everything else is text. Refuses what they cannot mean: duplicate keys, tags, alias bombs.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from granpipe.errors import CaseError, KeyPath
+
+MAX_BYTES = 1_000_000
+MAX_NODES = 200_000  # after aliases are expanded
+MAX_DEPTH = 32
+
+_INTEGER = re.compile(r"[+-]?\d{1,300}")
+_FLOAT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_UNIT_IN_FLOW = re.compile(r"[\d.]\s*\[\s*[A-Za-z%°]")
+
+
+@dataclass
+class Places:
+    """Where every key of a case stands: ``file:line``, or the ``--set`` that gave it."""
+
+    file: str
+    known: dict[KeyPath, str] = field(default_factory=dict)
+
+    def locate(self, key: KeyPath) -> str:
+        """Place of the key, or of the nearest key above it that the file has."""
+        for length in range(len(key), 0, -1):
+            if key[:length] in self.known:
+                return self.known[key[:length]]
+        return self.file
+
+    def explain(self, error: CaseError) -> CaseError:
+        """The same error with its place filled in."""
+        return CaseError(error.message, error.key, error.place or self.locate(error.key))
+
+
+def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
+    """Plain data and places of a YAML file that must hold a mapping; CaseError says what is wrong with it."""
+    return parse_yaml(_text_of(path), path.name)
+
+
+def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], Places]:
+    """Plain data and places of YAML text that must hold a mapping."""
+    places = Places(file)
+    data = _Reader(places).read(_composed(text, file))
+    if data is None:
+        raise CaseError("the file is empty; `granpipe init` writes a commented starter case", place=file)
+    if not isinstance(data, dict):
+        raise CaseError("must be a mapping of keys to values, such as `name: my-case`", place=f"{file}:1")
+    return data, places
+
+
+def parse_value(text: str, place: str, key: KeyPath) -> tuple[Any, Places]:
+    """Plain data of one YAML value given for a key, as in ``--set dem.seed=2``; every place is the given one."""
+    places = Places(place)
+    reader = _Reader(places, fixed_place=place)
+    return reader.read(_composed(text, place), key), places
+
+
+def _text_of(path: Path) -> str:
+    try:
+        with path.open("rb") as stream:
+            raw = stream.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        raise CaseError("no such file; `granpipe init` writes a commented starter case", place=str(path)) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise CaseError(f"cannot be read ({reason})", place=str(path)) from error
+    if len(raw) > MAX_BYTES:
+        raise CaseError(f"larger than {MAX_BYTES // 1000} kB; a case is a short text", place=str(path))
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise CaseError(f"not UTF-8 text (byte {error.start})", place=str(path)) from error
+    if "\0" in text:
+        raise CaseError("binary data, not a YAML text", place=str(path))
+    return text
+
+
+def _composed(text: str, file: str) -> yaml.Node | None:
+    try:
+        return yaml.compose(text, Loader=yaml.BaseLoader)
+    except yaml.MarkedYAMLError as error:
+        raise _syntax_error(error, text, file) from error
+    except yaml.YAMLError as error:  # control characters
+        raise CaseError(f"not YAML: {' '.join(str(error).split())}", place=file) from error
+    except RecursionError:
+        raise CaseError("nested too deeply", place=file) from None
+
+
+def _syntax_error(error: yaml.MarkedYAMLError, text: str, file: str) -> CaseError:
+    mark = error.problem_mark or error.context_mark
+    line = mark.line if mark else 0
+    lines = text.splitlines()
+    message = f"not YAML: {error.problem or error.context}"
+    if _UNIT_IN_FLOW.search(lines[line] if line < len(lines) else ""):
+        message = (
+            "inside [ ] or { } YAML cannot read a unit in brackets: write 3 cm or \"3[cm]\"; "
+            "outline points are plain numbers, and outline.unit says their unit"
+        )
+    return CaseError(message, place=f"{file}:{line + 1}")
+
+
+class _Reader:
+    """Walks composed nodes once, noting the line of every key."""
+
+    def __init__(self, places: Places, fixed_place: str = "") -> None:
+        self.places, self.fixed_place, self.nodes = places, fixed_place, 0
+
+    def read(self, node: yaml.Node | None, key: KeyPath = ()) -> Any:
+        if node is None:
+            return None
+        self._count(node, key)
+        if key:
+            self.places.known.setdefault(key, self._place(node))
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, key)
+        if isinstance(node, yaml.SequenceNode):
+            return [self.read(item, (*key, index)) for index, item in enumerate(node.value)]
+        return _scalar(node)
+
+    def _place(self, node: yaml.Node) -> str:
+        return self.fixed_place or f"{self.places.file}:{node.start_mark.line + 1}"
+
+    def _count(self, node: yaml.Node, key: KeyPath) -> None:
+        self.nodes += 1
+        if self.nodes > MAX_NODES or len(key) > MAX_DEPTH:
+            raise CaseError("nested too deeply, or aliases expand to too much", place=self._place(node))
+        if not node.tag.startswith("tag:yaml.org,2002:") or node.tag.rsplit(":", 1)[1] not in ("str", "seq", "map"):
+            raise CaseError(f"tags such as `{node.tag[:40]}` are not accepted", key, self._place(node))
+
+    def _mapping(self, node: yaml.MappingNode, key: KeyPath) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        for name_node, value_node in node.value:
+            if not isinstance(name_node, yaml.ScalarNode):
+                raise CaseError("a key must be plain text", key, self._place(name_node))
+            name = name_node.value
+            path = (*key, name)
+            if name in data:
+                raise CaseError(f"given twice (first at {self.places.locate(path)})", path, self._place(name_node))
+            self.places.known[path] = self._place(name_node)
+            data[name] = self.read(value_node, path)
+        return data
+
+
+def _scalar(node: yaml.Node) -> Any:
+    text = node.value
+    if node.style is not None:  # quoted or block text is text
+        return text
+    if text in ("", "~", "null"):
+        return None
+    if text in ("true", "false"):
+        return text == "true"
+    if _INTEGER.fullmatch(text):
+        return int(text)
+    return float(text) if _FLOAT.fullmatch(text) else text
