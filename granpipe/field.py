@@ -88,20 +88,19 @@ class Field:
     Parameters
     ----------
     grid : r and z edges
-    packing_fraction : (nz, nr) solids fraction φ of the part of each cell inside the outline
     inside_fraction : (nz, nr) part of each cell's volume inside the outline
     bulk : (nz, nr) True where solids flow or rest
     flux_r, flux_z : (nz, nr+1), (nz+1, nr) the final field [m/s]
     bulk_flow : bulk flow Φ at DEM scale [m³/s], positive downwards
     bulk_packing : φ_ref, the packing that turns solids flux into bulk velocity U = F/φ_ref
     flow_scale : s_Φ = target flow / bulk_flow
+    packing_fraction : (nz, nr) solids fraction φ of the part of each cell inside the outline; a fluid knows none
     raw_flux_r, raw_flux_z : the plain average, before any adjustment [m/s]
     *_se : standard error of the like-named array [m/s]
     psi : (nz+1, nr+1) Stokes stream function of the final field [m³/s per radian], −φ_ref Φ/2π on the outer wall
     """
 
     grid: Grid
-    packing_fraction: Array
     inside_fraction: Array
     bulk: Mask
     flux_r: Array
@@ -109,6 +108,7 @@ class Field:
     bulk_flow: float
     bulk_packing: float
     flow_scale: float
+    packing_fraction: Array | None = None
     raw_flux_r: Array | None = None
     raw_flux_z: Array | None = None
     flux_r_se: Array | None = None
