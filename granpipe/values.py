@@ -19,6 +19,8 @@ from granpipe.errors import KeyPath
 from granpipe.units import NUMBER, Dimension, UnitError, accepted, flow_in_si, in_si
 
 MAX_INTEGER = 2**31 - 1
+MAX_POINTS = 10_000
+MAX_COORDINATE = 1e4  # m
 
 
 def refuse(message: str, key: KeyPath = (), show_value: bool = True) -> NoReturn:
@@ -46,9 +48,13 @@ class Kind:
         """What may stand here, for documentation."""
         raise NotImplementedError
 
+    def write(self, value: Any) -> Any:
+        """The resolved value as plain data that `read` reads again."""
+        return value
+
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(
-            self.read, serialization=core_schema.plain_serializer_function_ser_schema(lambda value: value)
+            self.read, serialization=core_schema.plain_serializer_function_ser_schema(self.write)
         )
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
@@ -76,6 +82,10 @@ class Quantity(Kind):
         if not self._inside(number):
             refuse(f"must be {self.bounds()}")
         return number
+
+    def write(self, value: Any) -> Any:
+        bare = self.dimension.bare or not isinstance(value, float)
+        return value if bare else f"{value!r} {self.dimension.unit}"
 
     def _inside(self, number: float) -> bool:
         return not (
@@ -136,6 +146,82 @@ class Whole(Kind):
     def schema(self) -> dict[str, Any]:
         number = {"type": "integer", "minimum": self.at_least, "maximum": self.at_most}
         return {"anyOf": [number, {"const": "auto"}]} if self.auto else number
+
+
+@dataclass(frozen=True)
+class Series(Kind):
+    """A list of numbers of one kind: exactly `length`, or at least as many where `more`."""
+
+    item: Quantity = Quantity()
+    length: int = 1
+    more: bool = False
+
+    def read(self, value: Any) -> tuple[Any, ...]:
+        if not isinstance(value, (list, tuple)) or not self._enough(len(value)):
+            refuse(f"must be {self.accepts()}")
+        return tuple(_read_item(self.item, item, index) for index, item in enumerate(value))
+
+    def write(self, value: Any) -> Any:
+        return list(value)
+
+    def _enough(self, number: int) -> bool:
+        return number >= self.length if self.more else number == self.length
+
+    def accepts(self) -> str:
+        count = f"{self.length} or more" if self.more else str(self.length)
+        return f"a list of {count}: {self.item.accepts()}"
+
+    def schema(self) -> dict[str, Any]:
+        highest = {} if self.more else {"maxItems": self.length}
+        return {"type": "array", "items": self.item.schema(), "minItems": self.length} | highest
+
+
+def _read_item(kind: Kind, item: Any, index: int) -> Any:
+    try:
+        return kind.read(item)
+    except PydanticCustomError as error:
+        refuse(error.message(), (index, *(error.context or {}).get("key", ())))
+
+
+@dataclass(frozen=True)
+class Points(Kind):
+    """Points [r, z] as plain numbers in the outline's unit; a closed polygon does not repeat its first point."""
+
+    at_least: int
+    closed: bool = False
+
+    def read(self, value: Any) -> tuple[tuple[float, float], ...]:
+        if not isinstance(value, (list, tuple)) or len(value) > MAX_POINTS:
+            refuse(f"must be {self.accepts()}")
+        points = tuple(self._point(point, index) for index, point in enumerate(value))
+        if self.closed and len(points) > 1 and points[0] == points[-1]:
+            points = points[:-1]
+        if len(points) < self.at_least:
+            refuse(f"must be {self.accepts()}")
+        return points
+
+    def write(self, value: Any) -> Any:
+        return [list(point) for point in value]
+
+    def _point(self, point: Any, index: int) -> tuple[float, float]:
+        plain = isinstance(point, (list, tuple)) and len(point) == 2 and all(_is_number(x) for x in point)
+        if not plain:
+            refuse("must be a point [r, z] of two plain numbers; outline.unit says their unit", (index,))
+        r, z = float(point[0]), float(point[1])
+        if not (0 <= r <= MAX_COORDINATE and abs(z) <= MAX_COORDINATE):
+            refuse(f"must be a point with r from 0 (the axis) and no coordinate beyond {MAX_COORDINATE:g} m", (index,))
+        return r, z
+
+    def accepts(self) -> str:
+        return f"a list of {self.at_least} or more points [r, z] in `outline.unit`"
+
+    def schema(self) -> dict[str, Any]:
+        point = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+        return {"type": "array", "items": point, "minItems": self.at_least}
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 class Choice(Kind):
@@ -203,8 +289,11 @@ class Name(Kind):
         return {"type": "string", "pattern": f"^{self.pattern}$"}
 
 
+@dataclass(frozen=True)
 class Flow(Kind):
-    """A flow as (value, dimension); the unit decides between volume and mass."""
+    """A volume or mass flow, as its unit tells; `make` builds the resolved value from number and dimension."""
+
+    make: Callable[[float, Dimension], Any]
 
     def read(self, value: Any) -> Any:
         try:
@@ -213,7 +302,10 @@ class Flow(Kind):
             refuse(str(error))
         if number <= 0:
             refuse("must be above 0")
-        return number, dimension
+        return self.make(number, dimension)
+
+    def write(self, value: Any) -> str:
+        return str(value)
 
     def accepts(self) -> str:
         return "a volume flow of bulk such as 1 m^3/h, or a mass flow such as 2 t/h or 0.5 kg/s"
@@ -238,17 +330,24 @@ class Group(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     short: ClassVar[str] = ""  # the key that a value standing in place of the group is read as
+    remedy: ClassVar[str] = ""  # what to do where a group is given wrongly
 
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
         if isinstance(data, cls):
             return data
-        if cls.short and data is not None and not isinstance(data, Mapping):
+        if cls.short and not isinstance(data, Mapping):
             return {cls.short: data}
+        if data is None:  # a key with nothing below it but comments
+            data = {}
         if not isinstance(data, Mapping):
-            refuse(f"must be a group of keys: {', '.join(cls.model_fields)}")
+            refuse(cls.remedy or f"must be a group of keys: {', '.join(cls.model_fields)}")
         for key in data:
             if key not in cls.model_fields:
-                refuse(f"unknown key; {did_you_mean(str(key), cls.model_fields)}", (key,), show_value=False)
+                help_ = cls.remedy or did_you_mean(str(key), cls.model_fields)
+                refuse(f"unknown key; {help_}", (key,), show_value=False)
+        for name, field in cls.model_fields.items():
+            if field.is_required() and name not in data:
+                refuse(f"missing; give it: {field.description}", (name,), show_value=False)
         return data

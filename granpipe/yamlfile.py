@@ -61,7 +61,7 @@ def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], Places]:
 
 def parse_value(text: str, place: str, key: KeyPath) -> tuple[Any, Places]:
     """Plain data of one YAML value given for a key, as in ``--set dem.seed=2``; every place is the given one."""
-    places = Places(place)
+    places = Places(place, {key: place})
     reader = _Reader(places, fixed_place=place)
     return reader.read(_composed(text, place), key), places
 
@@ -104,7 +104,7 @@ def _syntax_error(error: yaml.MarkedYAMLError, text: str, file: str) -> CaseErro
     message = f"not YAML: {error.problem or error.context}"
     if _UNIT_IN_FLOW.search(lines[line] if line < len(lines) else ""):
         message = (
-            "inside [ ] or { } YAML cannot read a unit in brackets: write 3 cm or \"3[cm]\"; "
+            'inside [ ] or { } YAML cannot read a unit in brackets: write 3 cm or "3[cm]"; '
             "outline points are plain numbers, and outline.unit says their unit"
         )
     return CaseError(message, place=f"{file}:{line + 1}")
@@ -152,10 +152,12 @@ class _Reader:
         return data
 
 
-def _scalar(node: yaml.Node) -> Any:
-    text = node.value
-    if node.style is not None:  # quoted or block text is text
-        return text
+def _scalar(node: Any) -> Any:
+    return node.value if node.style is not None else plain_value(node.value)  # quoted or block text is text
+
+
+def plain_value(text: str) -> Any:
+    """What an unquoted scalar means: null, boolean, number or text."""
     if text in ("", "~", "null"):
         return None
     if text in ("true", "false"):
@@ -163,3 +165,20 @@ def _scalar(node: yaml.Node) -> Any:
     if _INTEGER.fullmatch(text):
         return int(text)
     return float(text) if _FLOAT.fullmatch(text) else text
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes text that `plain_value` would take for something else in quotes."""
+
+
+def _quoted_if_needed(dumper: yaml.SafeDumper, text: str) -> yaml.Node:
+    style = None if isinstance(plain_value(text), str) else "'"
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _quoted_if_needed)
+
+
+def dump_yaml(data: Any) -> str:
+    """Plain data as YAML text that `parse_yaml` reads as the same data."""
+    return str(yaml.dump(data, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120, allow_unicode=True))

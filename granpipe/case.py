@@ -1,0 +1,586 @@
+"""case.yaml → Case: what the user asks for, validated once, in SI. The only reader of user input."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+
+from granpipe.errors import CaseError
+from granpipe.explain import case_error
+from granpipe.overrides import override
+from granpipe.units import (
+    ANGLE,
+    DENSITY,
+    LENGTH,
+    MASS_FLOW,
+    NUMBER,
+    PRESSURE,
+    SPEED,
+    TIME,
+    VOLUME_FLOW,
+    Dimension,
+    UnitError,
+    tidy,
+    unit_in_si,
+)
+from granpipe.values import Choice, Choices, Flow, Group, Name, Points, Quantity, Series, Short, Whole, refuse
+from granpipe.yamlfile import Places, dump_yaml, read_yaml
+
+Point = tuple[float, float]
+Polygon = tuple[Point, ...]
+
+Regime = Literal["mass_flow", "funnel_flow", "undecided"]
+Model = Literal["auto", "fluid", "dem"]
+SectionModel = Literal["fluid", "dem"]
+ContactModel = Literal["hertz", "hooke"]
+RollingModel = Literal["epsd2", "cdt", "none"]
+Outlet = Literal["plate", "open"]
+Snapshots = Literal["none", "thinned", "all"]
+Method = Literal["psi", "paper"]
+Walls = Literal["moving", "slip"]
+By = Literal["number", "mass"]
+Format = Literal["comsol", "vtk"]
+Figure = Literal["rz", "vessel"]
+
+LEVEL_TOLERANCE = 1e-9  # m; levels nearer than this are one level
+
+
+class Section(Group):
+    """A part of the vessel between two levels."""
+
+    short: ClassVar[str] = "z"
+
+    z: Annotated[tuple[float, float], Series(length=2)] = Field(description="Top and bottom level, in `outline.unit`.")
+    regime: Annotated[Regime | None, Choice(Regime)] = Field(
+        default=None,
+        description="How the material flows here, where you know it better than a formula (Jenike's term).",
+    )
+    wall_factor: Annotated[float | None, Quantity(at_least=0, at_most=1)] = Field(
+        default=None,
+        description="Wall speed as a part of the mean vertical speed at that level, for the fluid model. "
+        "Unless given: 1 on straight walls, 2/3 in hoppers.",
+    )
+    model: Annotated[SectionModel | None, Choice(SectionModel)] = Field(
+        default=None,
+        description="Says by which model this section is to be computed, against the planner's own choice.",
+    )
+
+    @property
+    def z_top(self) -> float:
+        """Upper level [m]."""
+        return self.z[0]
+
+    @property
+    def z_bottom(self) -> float:
+        """Lower level [m]."""
+        return self.z[1]
+
+    @model_validator(mode="after")
+    def _downwards(self) -> Section:
+        if self.z_top <= self.z_bottom:
+            refuse("must be [top, bottom] with top above bottom", ("z",))
+        return self
+
+
+class Outline(Group):
+    """The vessel's inside: half of its section through the axis."""
+
+    unit: Annotated[str, Name()] = Field(
+        default="m", description="Unit of every coordinate of the outline: m, cm, mm, ft, …."
+    )
+    wall: Annotated[Polygon, Points(at_least=2)] = Field(
+        description="Points [r, z] of the inner wall from the inlet (top) down to the outlet; two points at one level "
+        "make a ledge. Nothing overhangs: z never rises."
+    )
+    obstacles: dict[Annotated[str, Name(32)], Annotated[Polygon, Points(at_least=3, closed=True)]] = Field(
+        default_factory=dict,
+        description="Closed polygons [r, z] by name: on the wall, on the axis (r = 0), or free rings.",
+    )
+    sections: dict[
+        Annotated[str, Name(32)],
+        Annotated[Section, Short(lambda: {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2})],
+    ] = Field(
+        default_factory=lambda data: _sections_by_slope(data["wall"]),
+        description="Levels by name, together covering the vessel from top to bottom: `a: [5.9, 4.9]` or "
+        "`a: {z: [5.9, 4.9], regime: mass_flow}`. Unless given: one for each change of wall slope, named s1, s2, ….",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_metres(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or not isinstance(data.get("unit", "m"), str):
+            return data
+        factor = _length_unit(data.get("unit", "m"))
+        return {key: value if key == "unit" else _scaled(value, factor) for key, value in data.items()} | (
+            {"unit": "m"} if "unit" in data else {}
+        )
+
+    @field_validator("wall")
+    @classmethod
+    def _falls(cls, wall: Polygon) -> Polygon:
+        for index in range(1, len(wall)):
+            if wall[index][1] > wall[index - 1][1]:
+                refuse("must not lie above the point before it: the wall runs from the top down", (index,))
+            if wall[index] == wall[index - 1]:
+                refuse("must differ from the point before it", (index,))
+        if wall[0][1] - wall[-1][1] <= LEVEL_TOLERANCE:
+            refuse("must reach from a top to a lower bottom", show_value=False)
+        return wall
+
+    @field_validator("sections")
+    @classmethod
+    def _cover(cls, sections: dict[str, Section], info: ValidationInfo) -> dict[str, Section]:
+        wall = info.data.get("wall")
+        ordered = dict(sorted(sections.items(), key=lambda item: -item[1].z_top))
+        if wall is None:
+            return ordered
+        level = wall[0][1]
+        for name, section in ordered.items():
+            if abs(section.z_top - level) > LEVEL_TOLERANCE:
+                refuse(f"must begin at z = {level:g} m: sections meet and cover the vessel", (name,))
+            level = section.z_bottom
+        if abs(level - wall[-1][1]) > LEVEL_TOLERANCE:
+            refuse(f"must reach down to z = {wall[-1][1]:g} m: the sections end at {level:g} m", show_value=False)
+        return ordered
+
+
+def _length_unit(unit: str) -> float:
+    try:
+        factor, powers = unit_in_si(unit)
+    except UnitError as error:
+        refuse(f"must be a length unit such as m or mm; {error}", ("unit",))
+    if powers != LENGTH.powers:
+        refuse("must be a length unit such as m or mm", ("unit",))
+    return factor
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    """Every number in nested lists and mappings (but not a section's wall factor) times the factor."""
+    if isinstance(value, Mapping):
+        return {key: item if key == "wall_factor" else _scaled(item, factor) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_scaled(item, factor) for item in value]
+    return tidy(value * factor) if isinstance(value, (int, float)) and not isinstance(value, bool) else value
+
+
+def _sections_by_slope(wall: Polygon) -> dict[str, Section]:
+    """One section per run of wall segments of equal slope; ledges only separate."""
+    runs: list[tuple[float, float, float]] = []
+    for (r0, z0), (r1, z1) in pairwise(wall):
+        if z0 - z1 <= LEVEL_TOLERANCE:
+            runs.append((0.0, z0, z0))
+            continue
+        slope = (r1 - r0) / (z1 - z0)
+        if runs and runs[-1][1] > runs[-1][2] and abs(slope - runs[-1][0]) < 1e-9:
+            runs[-1] = (slope, runs[-1][1], z1)
+        else:
+            runs.append((slope, z0, z1))
+    spans = [(top, bottom) for _, top, bottom in runs if top > bottom]
+    return {f"s{index}": Section(z=span) for index, span in enumerate(spans, start=1)}
+
+
+_SIZE = Quantity(LENGTH, above=0, at_most=10)
+Length = Annotated[float, _SIZE]
+
+
+class Normal(Group):
+    """A normal distribution, cut."""
+
+    mean: Length = Field(description="Mean before the cut.")
+    std: Length = Field(description="Standard deviation before the cut.")
+    min: Length = Field(description="Smallest size that occurs.")
+    max: Length = Field(description="Largest size that occurs.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Normal:
+        _check_limits(self.min, self.mean, self.max, "mean")
+        return self
+
+
+class Lognormal(Group):
+    """A lognormal distribution, cut."""
+
+    median: Length = Field(description="Median before the cut.")
+    sigma: Annotated[float, Quantity(above=0, at_most=3)] = Field(
+        description="Standard deviation of the natural logarithm of the size."
+    )
+    min: Length = Field(description="Smallest size that occurs.")
+    max: Length = Field(description="Largest size that occurs.")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Lognormal:
+        _check_limits(self.min, self.median, self.max, "median")
+        return self
+
+
+def _check_limits(low: float, centre: float, high: float, name: str) -> None:
+    if low >= high:
+        refuse("must be below max", ("min",))
+    if not low <= centre <= high:
+        refuse("must lie between min and max", (name,))
+
+
+class Sieve(Group):
+    """A sieve analysis."""
+
+    edges: Annotated[tuple[float, ...], Series(_SIZE, length=2, more=True)] = Field(
+        description="Rising mesh sizes; n + 1 edges bound n fractions."
+    )
+    fractions: Annotated[tuple[float, ...], Series(Quantity(at_least=0, at_most=1), length=1, more=True)] = Field(
+        description="Part of the material between neighbouring edges; they add up to 1."
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Sieve:
+        if any(b <= a for a, b in pairwise(self.edges)):
+            refuse("must rise", ("edges",))
+        if len(self.fractions) != len(self.edges) - 1:
+            refuse(f"must be {len(self.edges) - 1} fractions, one between each two edges", ("fractions",))
+        if abs(sum(self.fractions) - 1) > 1e-3:
+            refuse(f"must add up to 1 (100 %), not {sum(self.fractions):g}", ("fractions",))
+        return self
+
+
+class Spread(Group):
+    """How a size is distributed: exactly one of the keys."""
+
+    short: ClassVar[str] = "mono"
+
+    mono: Annotated[float | None, _SIZE] = Field(
+        default=None, description="All alike. Short form: the value itself, as in `radius: 3 cm`."
+    )
+    normal: Normal | None = Field(default=None, description="Normal distribution, cut at min and max.")
+    lognormal: Lognormal | None = Field(default=None, description="Lognormal distribution, cut at min and max.")
+    sieve: Sieve | None = Field(default=None, description="Sieve analysis: fractions between mesh sizes.")
+
+    @model_validator(mode="after")
+    def _one(self) -> Spread:
+        if len(self.model_dump(exclude_none=True)) != 1:
+            refuse("must be one value, or exactly one of normal, lognormal, sieve")
+        return self
+
+    @property
+    def kind(self) -> Literal["mono", "normal", "lognormal", "sieve"]:
+        """Which of the keys is given."""
+        if self.mono is not None:
+            return "mono"
+        if self.normal is not None:
+            return "normal"
+        return "lognormal" if self.lognormal is not None else "sieve"
+
+    def halved(self) -> Spread:
+        """The same spread of half the size: diameters to radii."""
+        lengths = {"mono", "mean", "std", "median", "min", "max", "edges"}
+
+        def half(value: Any) -> Any:
+            if isinstance(value, dict):
+                return {k: half(v) if k in lengths or isinstance(v, dict) else v for k, v in value.items()}
+            return [v / 2 for v in value] if isinstance(value, (list, tuple)) else value / 2
+
+        return Spread(**half(self.model_dump(exclude_none=True)))
+
+
+_SPREAD_SHORT = Short(_SIZE.schema)
+
+
+class Size(Group):
+    """The size of the particles: either radius or diameter."""
+
+    remedy: ClassVar[str] = "say whether sizes are radii or diameters, as in `size: {radius: 3 cm}`"
+
+    radius: Annotated[Spread | None, _SPREAD_SHORT] = Field(default=None, description="Sizes as radii.")
+    diameter: Annotated[Spread | None, _SPREAD_SHORT] = Field(default=None, description="Sizes as diameters.")
+    by: Annotated[By, Choice(By)] = Field(
+        default="number",
+        description="What the distribution counts: particles or their mass. A sieve table must say it.",
+    )
+    classes: Annotated[int, Whole(1, 50)] = Field(
+        default=7, description="Number of particle classes that stand for a normal or lognormal distribution."
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> Size:
+        if (self.radius is None) == (self.diameter is None):
+            refuse(f"must be given as radius or as diameter; {self.remedy}")
+        if self.kind == "sieve" and "by" not in self.model_fields_set:
+            refuse("missing; say by: mass or by: number for a sieve table", ("by",), show_value=False)
+        return self
+
+    @property
+    def radii(self) -> Spread:
+        """The distribution of the radius [m]."""
+        return self.radius or self._diameters.halved()
+
+    @property
+    def kind(self) -> Literal["mono", "normal", "lognormal", "sieve"]:
+        """Which distribution it is."""
+        return (self.radius or self._diameters).kind
+
+    @property
+    def _diameters(self) -> Spread:
+        assert self.diameter is not None  # exactly one is given
+        return self.diameter
+
+
+class Material(Group):
+    """The granular material."""
+
+    density: Annotated[float, Quantity(DENSITY, above=0, at_most=30000)] = Field(
+        description="Density of a particle, its inner pores included."
+    )
+    bulk_density: Annotated[float | None, Quantity(DENSITY, above=0, at_most=30000)] = Field(
+        default=None, description="Density of the bulk, voids included. Unless given, measured in the DEM plug."
+    )
+    internal_friction_angle: Annotated[float | None, Quantity(ANGLE, above=0, below=1.5707)] = Field(
+        default=None, description="Effective angle of internal friction of the bulk (shear test), for Jenike's limit."
+    )
+    wall_friction_angle: Annotated[float | None, Quantity(ANGLE, at_least=0, below=1.5707)] = Field(
+        default=None, description="Angle of friction of the bulk on the wall (shear test), for Jenike's limit."
+    )
+    size: Size = Field(description="Particle sizes; say whether radius or diameter.")
+
+    @model_validator(mode="after")
+    def _lighter_than_solid(self) -> Material:
+        if self.bulk_density is not None and self.bulk_density >= self.density:
+            refuse(f"must be below density ({self.density:g} kg/m^3): the bulk has voids", ("bulk_density",))
+        return self
+
+
+Restitution = Annotated[float, Quantity(above=0.05, at_most=1)]
+Friction = Annotated[float, Quantity(at_least=0, at_most=10)]
+
+
+_AS_PARTICLES: Any = None  # filled in from the contact between particles
+
+
+class WallContact(Group):
+    """Contact between particle and wall, where it differs from that between particles."""
+
+    friction: Friction = Field(
+        default=_AS_PARTICLES, description="Sliding friction on the wall. Unless given: as between particles."
+    )
+    rolling_friction: Friction = Field(
+        default=_AS_PARTICLES, description="Rolling friction on the wall. Unless given: as between particles."
+    )
+    restitution: Restitution = Field(
+        default=_AS_PARTICLES, description="Coefficient of restitution on the wall. Unless given: as between particles."
+    )
+
+
+class Contact(Group):
+    """How particles touch. The defaults are those of Sparta & Halvorsen (2017), but for the stiffness."""
+
+    model: Annotated[ContactModel, Choice(ContactModel)] = Field(default="hertz", description="Normal contact law.")
+    youngs_modulus: Annotated[float | Literal["auto"], Quantity(PRESSURE, at_least=1e3, at_most=1e13, auto=True)] = (
+        Field(
+            default="auto",
+            description="Young's modulus; `auto` is as soft as the bed's own pressure allows, which is fast.",
+        )
+    )
+    poisson: Annotated[float, Quantity(at_least=0, at_most=0.5)] = Field(default=0.35, description="Poisson's ratio.")
+    restitution: Restitution = Field(default=0.43, description="Coefficient of restitution.")
+    friction: Friction = Field(default=0.73, description="Coefficient of sliding friction between particles.")
+    rolling_model: Annotated[RollingModel, Choice(RollingModel)] = Field(
+        default="epsd2", description="Rolling resistance: spring and slider (epsd2), constant torque (cdt), or none."
+    )
+    rolling_friction: Friction = Field(
+        default_factory=lambda data: 0.0 if data.get("rolling_model") == "none" else 0.21,
+        description="Coefficient of rolling friction between particles; 0 with `rolling_model: none`, otherwise 0.21.",
+    )
+    characteristic_velocity: Annotated[float | None, Quantity(SPEED, above=0, at_most=1000)] = Field(
+        default=None,
+        description="Impact speed from which Hooke's stiffness is derived; needed with `model: hooke` only.",
+    )
+    wall: WallContact = Field(
+        default_factory=WallContact, validate_default=True, description="Contact with walls, where it differs."
+    )
+
+    @field_validator("wall")
+    @classmethod
+    def _as_particles(cls, wall: WallContact, info: ValidationInfo) -> WallContact:
+        given = wall.model_dump(exclude_none=True)
+        return wall.model_copy(update={k: info.data.get(k) for k in WallContact.model_fields if k not in given})
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Contact:
+        if self.rolling_model == "none" and self.rolling_friction > 0:
+            refuse("must be 0 with rolling_model: none", ("rolling_friction",))
+        if self.rolling_model == "none" and self.wall.rolling_friction > 0:
+            refuse("must be 0 with rolling_model: none", ("wall", "rolling_friction"))
+        if (self.model == "hooke") != (self.characteristic_velocity is not None):
+            refuse("must be given with model: hooke, and only there", ("characteristic_velocity",))
+        return self
+
+
+@dataclass(frozen=True)
+class FlowRate:
+    """The flow that the process asks for: either `volume` of bulk [m³/s] or `mass` [kg/s]."""
+
+    volume: float | None = None
+    mass: float | None = None
+
+    @classmethod
+    def of(cls, value: float, dimension: Dimension) -> FlowRate:
+        """From a value in SI of either dimension."""
+        return cls(volume=value) if dimension is VOLUME_FLOW else cls(mass=value)
+
+    def __str__(self) -> str:
+        value, dimension = (self.volume, VOLUME_FLOW) if self.mass is None else (self.mass, MASS_FLOW)
+        return f"{value!r} {dimension.unit}"
+
+
+class Dem(Group):
+    """The simulation of the particles."""
+
+    coarse_grain_factor: Annotated[float, Quantity(at_least=1, at_most=100)] = Field(
+        default=1.0, description="Particles are enlarged by this factor: fewer of them, the same material."
+    )
+    plate_speed: Annotated[float | Literal["auto"], Quantity(SPEED, above=0, at_most=100, auto=True)] = Field(
+        default="auto",
+        description="Speed of the plate under the outlet: a numerical choice, not the process flow rate.",
+    )
+    time_step: Annotated[float | Literal["auto"], Quantity(TIME, above=0, at_most=1, auto=True)] = Field(
+        default="auto", description="Time step; `auto` is 0.2 Rayleigh times of the smallest particle."
+    )
+    max_time: Annotated[float, Quantity(TIME, above=0, at_most=1e6)] = Field(
+        default=20.0,
+        description="Simulated time of production, after filling and settling. It sizes the plate's travel.",
+    )
+    seed: Annotated[int, Whole(0)] = Field(default=1, description="Every random number follows from it.")
+    outlet: Annotated[Outlet, Choice(Outlet)] = Field(
+        default="plate", description="The bed rests on a plate that moves down, or discharges freely."
+    )
+    reservoir_height: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=1000, auto=True)] = Field(
+        default="auto", description="Height of the auxiliary reservoir above the inlet."
+    )
+    ranks: Annotated[int | Literal["auto"], Whole(1, 4096, auto=True)] = Field(
+        default="auto", description="MPI processes; `auto` uses the free cores as far as it helps."
+    )
+    keep_snapshots: Annotated[Snapshots, Choice(Snapshots)] = Field(
+        default="none", description="What remains of the snapshots, which are averaged while LIGGGHTS runs."
+    )
+
+
+class Homogenize(Group):
+    """From particles to a field."""
+
+    cell: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=10, auto=True)] = Field(
+        default="auto", description="Edge of a cell of the r–z grid; `auto` is a part of the mean particle diameter."
+    )
+    method: Annotated[Method, Choice(Method)] = Field(
+        default="psi",
+        description="How the average is made to conserve: a fitted stream function (psi), or scaled rows and "
+        "Gaussian smoothing (paper).",
+    )
+    start: Annotated[float | Literal["auto"], Quantity(TIME, at_least=0, at_most=1e6, auto=True)] = Field(
+        default="auto", description="Production time at which averaging begins, after the transient."
+    )
+    smoothing_passes: Annotated[int, Whole(0, 100)] = Field(
+        default=2, description="Passes of the 5×5 Gaussian of `method: paper`."
+    )
+
+
+class Fluid(Group):
+    """The fictitious fluid."""
+
+    order: Annotated[int, Whole(2, 4)] = Field(default=2, description="Polynomial order of the velocity.")
+    walls: Annotated[Walls, Choice(Walls)] = Field(
+        default="moving", description="Walls drag the fluid along at their wall factor (moving), or let it slip freely."
+    )
+
+
+class Case(Group):
+    """A case with every default filled in, in SI."""
+
+    name: Annotated[str, Name()] = Field(description="Name of the case; results go to a folder of this name.")
+    outline: Outline = Field(description="The vessel's inside: half of its section through the axis.")
+    material: Material = Field(description="The granular material.")
+    contact: Contact = Field(
+        default_factory=Contact,
+        description="How particles touch; defaults as in Sparta & Halvorsen (2017), but for the stiffness.",
+    )
+    flow_rate: Annotated[FlowRate, Flow(FlowRate.of)] = Field(description="The flow that the process asks for.")
+    model: Annotated[Model, Choice(Model)] = Field(
+        default="auto",
+        description="By which model: fictitious fluid, particles (dem), or what each section needs (auto).",
+    )
+    dem: Dem = Field(default_factory=Dem, description="The simulation of the particles.")
+    homogenize: Homogenize = Field(default_factory=Homogenize, description="From particles to a field.")
+    fluid: Fluid = Field(default_factory=Fluid, description="The fictitious fluid.")
+    export: Annotated[tuple[Format, ...], Choices(Format)] = Field(
+        default=("comsol", "vtk"), description="Which files to write beside field.npz."
+    )
+    figures: Annotated[tuple[Figure, ...], Choices(Figure)] = Field(
+        default=("rz", "vessel"), description="Which pictures to make: plots on r–z, the vessel in 3-D."
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Case:
+        for name, section in self.outline.sections.items():
+            if self.model != "auto" and section.model not in (None, self.model):
+                refuse(
+                    f"must agree with model: {self.model}; or set model: auto", ("outline", "sections", name, "model")
+                )
+        if self.homogenize.start != "auto" and self.homogenize.start >= self.dem.max_time:
+            refuse(f"must be below dem.max_time ({self.dem.max_time:g} s)", ("homogenize", "start"))
+        if self.model == "fluid" and self.flow_rate.mass is not None and self.material.bulk_density is None:
+            refuse(
+                "missing; without particles only it can turn the mass flow into a volume flow",
+                ("material", "bulk_density"),
+                show_value=False,
+            )
+        return self
+
+    def to_yaml(self) -> str:
+        """The resolved case as YAML, every default included; loads again as the same case."""
+        return dump_yaml(self.model_dump(mode="json", exclude_none=True))
+
+
+@dataclass(frozen=True)
+class CaseFile:
+    """A case and where each of its keys stands."""
+
+    case: Case
+    places: Places
+
+
+def read_case(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFile:
+    """Read a case file; `overrides` maps dotted keys to YAML text. CaseError says what is wrong and where."""
+    data, places = read_yaml(path)
+    return resolve(data, places, overrides)
+
+
+def resolve(data: dict[str, Any], places: Places, overrides: Mapping[str, str] | None = None) -> CaseFile:
+    """The case that plain data describe, after overriding."""
+    for key, text in (overrides or {}).items():
+        override(data, places, key, text)
+    try:
+        return CaseFile(Case.model_validate(data), places)
+    except ValidationError as error:
+        raise case_error(error, data, places) from None
+
+
+def load_case(path: Path, overrides: Mapping[str, str] | None = None) -> Case:
+    """The case alone, for callers that report no further errors about it."""
+    return read_case(path, overrides).case
+
+
+def schema_json() -> str:
+    """JSON Schema of a case file, for editors."""
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | Case.model_json_schema()
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def starter_case() -> str:
+    """Text of a small commented case to start from."""
+    return resources.files("granpipe").joinpath("templates/case.yaml").read_text(encoding="utf-8")
+
+
+__all__ = ["NUMBER", "Case", "CaseError", "CaseFile", "load_case", "read_case", "schema_json", "starter_case"]
