@@ -5,14 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from granpipe.errors import CaseError
 from granpipe.explain import case_error
 from granpipe.overrides import override
 from granpipe.units import (
@@ -20,7 +18,6 @@ from granpipe.units import (
     DENSITY,
     LENGTH,
     MASS_FLOW,
-    NUMBER,
     PRESSURE,
     SPEED,
     TIME,
@@ -30,7 +27,21 @@ from granpipe.units import (
     tidy,
     unit_in_si,
 )
-from granpipe.values import Choice, Choices, Flow, Group, Name, Points, Quantity, Series, Short, Whole, refuse
+from granpipe.values import (
+    Choice,
+    Choices,
+    Flow,
+    Group,
+    Levels,
+    Name,
+    Points,
+    Quantity,
+    Series,
+    Short,
+    Whole,
+    Word,
+    refuse,
+)
 from granpipe.yamlfile import Places, dump_yaml, read_yaml
 
 Point = tuple[float, float]
@@ -57,7 +68,9 @@ class Section(Group):
 
     short: ClassVar[str] = "z"
 
-    z: Annotated[tuple[float, float], Series(length=2)] = Field(description="Top and bottom level, in `outline.unit`.")
+    z: Annotated[tuple[float, float], Levels()] = Field(
+        description="Upper and lower level. Short form: the levels themselves, as in `a: [5.9, 4.9]`."
+    )
     regime: Annotated[Regime | None, Choice(Regime)] = Field(
         default=None,
         description="How the material flows here, where you know it better than a formula (Jenike's term).",
@@ -82,34 +95,28 @@ class Section(Group):
         """Lower level [m]."""
         return self.z[1]
 
-    @model_validator(mode="after")
-    def _downwards(self) -> Section:
-        if self.z_top <= self.z_bottom:
-            refuse("must be [top, bottom] with top above bottom", ("z",))
-        return self
-
 
 class Outline(Group):
     """The vessel's inside: half of its section through the axis."""
 
-    unit: Annotated[str, Name()] = Field(
+    unit: Annotated[str, Word()] = Field(
         default="m", description="Unit of every coordinate of the outline: m, cm, mm, ft, …."
     )
     wall: Annotated[Polygon, Points(at_least=2)] = Field(
         description="Points [r, z] of the inner wall from the inlet (top) down to the outlet; two points at one level "
         "make a ledge. Nothing overhangs: z never rises."
     )
-    obstacles: dict[Annotated[str, Name(32)], Annotated[Polygon, Points(at_least=3, closed=True)]] = Field(
+    obstacles: dict[Annotated[str, Word()], Annotated[Polygon, Points(at_least=3, closed=True)]] = Field(
         default_factory=dict,
         description="Closed polygons [r, z] by name: on the wall, on the axis (r = 0), or free rings.",
     )
     sections: dict[
-        Annotated[str, Name(32)],
-        Annotated[Section, Short(lambda: {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2})],
+        Annotated[str, Word()],
+        Annotated[Section, Short(Levels().schema)],
     ] = Field(
         default_factory=lambda data: _sections_by_slope(data["wall"]),
-        description="Levels by name, together covering the vessel from top to bottom: `a: [5.9, 4.9]` or "
-        "`a: {z: [5.9, 4.9], regime: mass_flow}`. Unless given: one for each change of wall slope, named s1, s2, ….",
+        description="Parts of the vessel between two levels, by name. Unless given: one for each change of wall slope, "
+        "named s1, s2, …, from the top.",
     )
 
     @model_validator(mode="before")
@@ -118,37 +125,21 @@ class Outline(Group):
         if not isinstance(data, Mapping) or not isinstance(data.get("unit", "m"), str):
             return data
         factor = _length_unit(data.get("unit", "m"))
-        return {key: value if key == "unit" else _scaled(value, factor) for key, value in data.items()} | (
-            {"unit": "m"} if "unit" in data else {}
-        )
+        scaled = {key: _scaled(value, factor) for key, value in data.items() if key != "unit"}
+        return scaled | ({"unit": "m"} if "unit" in data else {})
 
-    @field_validator("wall")
+    @model_validator(mode="before")
     @classmethod
-    def _falls(cls, wall: Polygon) -> Polygon:
-        for index in range(1, len(wall)):
-            if wall[index][1] > wall[index - 1][1]:
-                refuse("must not lie above the point before it: the wall runs from the top down", (index,))
-            if wall[index] == wall[index - 1]:
-                refuse("must differ from the point before it", (index,))
-        if wall[0][1] - wall[-1][1] <= LEVEL_TOLERANCE:
-            refuse("must reach from a top to a lower bottom", show_value=False)
-        return wall
+    def _without_empty(cls, data: Any) -> Any:
+        """`obstacles:` or `sections:` with nothing below it but comments is as good as absent."""
+        if not isinstance(data, Mapping):
+            return data
+        return {key: value for key, value in data.items() if value is not None or key not in ("obstacles", "sections")}
 
     @field_validator("sections")
     @classmethod
-    def _cover(cls, sections: dict[str, Section], info: ValidationInfo) -> dict[str, Section]:
-        wall = info.data.get("wall")
-        ordered = dict(sorted(sections.items(), key=lambda item: -item[1].z_top))
-        if wall is None:
-            return ordered
-        level = wall[0][1]
-        for name, section in ordered.items():
-            if abs(section.z_top - level) > LEVEL_TOLERANCE:
-                refuse(f"must begin at z = {level:g} m: sections meet and cover the vessel", (name,))
-            level = section.z_bottom
-        if abs(level - wall[-1][1]) > LEVEL_TOLERANCE:
-            refuse(f"must reach down to z = {wall[-1][1]:g} m: the sections end at {level:g} m", show_value=False)
-        return ordered
+    def _downwards(cls, sections: dict[str, Section]) -> dict[str, Section]:
+        return dict(sorted(sections.items(), key=lambda item: -item[1].z_top))
 
 
 def _length_unit(unit: str) -> float:
@@ -262,7 +253,7 @@ class Spread(Group):
 
     @model_validator(mode="after")
     def _one(self) -> Spread:
-        if len(self.model_dump(exclude_none=True)) != 1:
+        if sum(value is not None for value in self.__dict__.values()) != 1:
             refuse("must be one value, or exactly one of normal, lognormal, sieve")
         return self
 
@@ -414,8 +405,10 @@ class Contact(Group):
             refuse("must be 0 with rolling_model: none", ("rolling_friction",))
         if self.rolling_model == "none" and self.wall.rolling_friction > 0:
             refuse("must be 0 with rolling_model: none", ("wall", "rolling_friction"))
-        if (self.model == "hooke") != (self.characteristic_velocity is not None):
-            refuse("must be given with model: hooke, and only there", ("characteristic_velocity",))
+        if self.model == "hooke" and self.characteristic_velocity is None:
+            refuse("missing; Hooke's stiffness is derived from it", ("characteristic_velocity",), show_value=False)
+        if self.model == "hertz" and self.characteristic_velocity is not None:
+            refuse("belongs to model: hooke; leave it out", ("characteristic_velocity",))
         return self
 
 
@@ -580,7 +573,4 @@ def schema_json() -> str:
 
 def starter_case() -> str:
     """Text of a small commented case to start from."""
-    return resources.files("granpipe").joinpath("templates/case.yaml").read_text(encoding="utf-8")
-
-
-__all__ = ["NUMBER", "Case", "CaseError", "CaseFile", "load_case", "read_case", "schema_json", "starter_case"]
+    return (Path(__file__).parent / "templates" / "case.yaml").read_text(encoding="utf-8")

@@ -107,7 +107,8 @@ def _parsed(value: Any, dimension: Dimension) -> tuple[float, float, Powers | No
         return _as_float(value), 1.0, None
     match = _QUANTITY.fullmatch(value.strip()) if isinstance(value, str) and len(value) <= MAX_LENGTH else None
     if match is None:
-        raise UnitError(f"must be {accepted(dimension)}")
+        comma = "; write decimals with a point" if isinstance(value, str) and re.match(r"\s*\d+,\d", value) else ""
+        raise UnitError(f"must be {accepted(dimension)}{comma}")
     number, bracketed, plain, divisor = match.groups()
     if divisor:
         return _ratio(float(number), float(divisor[1:])), 1.0, None
@@ -165,6 +166,8 @@ def _registry() -> Any:
 
 def _from_pint(name: str) -> tuple[float, Powers]:
     """Scale and powers of one unit outside the table of everyday units, by pint."""
+    if name in ("ton", "tons"):
+        raise UnitError(f"`{name}` is 907 kg to some and 1016 kg to others; write t for 1000 kg, or lb")
     registry = _registry()
     try:
         base = registry.Quantity(1.0, name).to_base_units()

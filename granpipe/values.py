@@ -7,6 +7,7 @@ must stand there.
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -208,8 +209,8 @@ class Points(Kind):
         if not plain:
             refuse("must be a point [r, z] of two plain numbers; outline.unit says their unit", (index,))
         r, z = float(point[0]), float(point[1])
-        if not (0 <= r <= MAX_COORDINATE and abs(z) <= MAX_COORDINATE):
-            refuse(f"must be a point with r from 0 (the axis) and no coordinate beyond {MAX_COORDINATE:g} m", (index,))
+        if max(abs(r), abs(z)) > MAX_COORDINATE:
+            refuse(f"must not have a coordinate beyond {MAX_COORDINATE:g} m", (index,))
         return r, z
 
     def accepts(self) -> str:
@@ -218,6 +219,25 @@ class Points(Kind):
     def schema(self) -> dict[str, Any]:
         point = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
         return {"type": "array", "items": point, "minItems": self.at_least}
+
+
+class Levels(Kind):
+    """An upper and a lower level as plain numbers in the outline's unit."""
+
+    def read(self, value: Any) -> tuple[float, float]:
+        plain = isinstance(value, (list, tuple)) and len(value) == 2 and all(_is_number(z) for z in value)
+        if not plain or max(abs(z) for z in value) > MAX_COORDINATE:
+            refuse(f"must be {self.accepts()}")
+        return float(value[0]), float(value[1])
+
+    def write(self, value: Any) -> Any:
+        return list(value)
+
+    def accepts(self) -> str:
+        return "[upper, lower], two plain numbers in `outline.unit`"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
 
 
 def _is_number(value: Any) -> bool:
@@ -266,15 +286,10 @@ class Choices(Choice):
         return {"type": "array", "items": {"enum": list(self.words)}, "uniqueItems": True}
 
 
-@dataclass(frozen=True)
 class Name(Kind):
-    """Text that is safe in file names and decks."""
+    """Text that is safe as a file name."""
 
-    longest: int = 64
-
-    @property
-    def pattern(self) -> str:
-        return rf"[A-Za-z0-9][A-Za-z0-9_-]{{0,{self.longest - 1}}}"
+    pattern = r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}"
 
     def read(self, value: Any) -> str:
         text = str(value) if isinstance(value, int) and not isinstance(value, bool) else value
@@ -283,10 +298,19 @@ class Name(Kind):
         return text
 
     def accepts(self) -> str:
-        return f"letters, digits, `_` and `-`, first a letter or digit, at most {self.longest}"
+        return "letters, digits, `_` and `-`, first a letter or digit, at most 64"
 
     def schema(self) -> dict[str, Any]:
         return {"type": "string", "pattern": f"^{self.pattern}$"}
+
+
+class Word(Name):
+    """Text that is safe as a name inside decks and meshes, too."""
+
+    pattern = r"[A-Za-z][A-Za-z0-9_]{0,31}"
+
+    def accepts(self) -> str:
+        return "letters, digits and `_`, first a letter, at most 32"
 
 
 @dataclass(frozen=True)
@@ -300,8 +324,8 @@ class Flow(Kind):
             number, dimension = flow_in_si(value)
         except UnitError as error:
             refuse(str(error))
-        if number <= 0:
-            refuse("must be above 0")
+        if not 0 < number < math.inf:
+            refuse("must be above 0 and finite")
         return self.make(number, dimension)
 
     def write(self, value: Any) -> str:
