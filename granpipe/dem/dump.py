@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gzip
 import struct
+import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -161,7 +162,7 @@ def is_complete(path: Path) -> bool:
                 header = _read_header(file, path, size)
                 for _ in _walk_chunks(file, path, size, header):
                     pass
-        except _Truncated:
+        except _TruncatedError:
             return False
     return True
 
@@ -169,7 +170,7 @@ def is_complete(path: Path) -> bool:
 # --- binary ---------------------------------------------------------------------------------------------------------
 
 
-class _Truncated(DataError):
+class _TruncatedError(DataError):
     """The file ends before its own header says so."""
 
 
@@ -185,7 +186,7 @@ def _read_exactly(file: BinaryIO, path: Path, size: int, count: int, what: str) 
     """Next `count` bytes, or an error that says where they are missing."""
     offset = file.tell()
     if offset + count > size:
-        raise _Truncated(
+        raise _TruncatedError(
             f"{path}: truncated at byte {size}: {what} at byte {offset} needs {count} bytes; "
             "if LIGGGHTS is still writing it, wait; otherwise leave this file out"
         )
@@ -223,7 +224,7 @@ def _read_header(file: BinaryIO, path: Path, size: int) -> _Header:
         raise refuse(f"{chunks} chunks", 96)
     header = _Header(step, atoms, box, columns, chunks)
     if offset + _snapshot_bytes(header) > size:
-        raise _Truncated(
+        raise _TruncatedError(
             f"{path}: truncated at byte {size}: step {step} at byte {offset} declares {atoms} atoms of {columns} "
             f"columns in {chunks} chunks, {_snapshot_bytes(header)} bytes; if LIGGGHTS is still writing it, wait; "
             "otherwise leave this file out"
@@ -266,7 +267,7 @@ def _read_binary(file: BinaryIO, path: Path, size: int, columns: tuple[str, ...]
                 f"({','.join(columns)}): name the columns of the dump command in their order"
             )
         values = np.empty(header.atoms * header.columns)
-        data = memoryview(values).cast("B")
+        data = values.view(np.uint8).data
         for first, count in _walk_chunks(file, path, size, header):
             file.readinto(data[8 * first : 8 * (first + count)])  # type: ignore[attr-defined]
         yield _checked(Snapshot(header.step, header.box, columns, values.reshape(-1, header.columns)), path)
@@ -291,7 +292,7 @@ class _Lines:
         """Append a block to what is left of the buffer; False at the end of the file."""
         try:
             block = self.stream.read(_BLOCK)
-        except (EOFError, OSError, gzip.zlib.error) as error:  # type: ignore[attr-defined]
+        except (EOFError, OSError, zlib.error) as error:
             raise self.error(f"the compressed data end early or are damaged ({error})") from error
         self._buffer = self._buffer[self._at :] + block
         self._at = 0
@@ -310,6 +311,13 @@ class _Lines:
         line, self._at = self._buffer[self._at : end], min(end + 1, len(self._buffer))
         self.number += 1
         return line.rstrip(b"\r")
+
+    def at_end(self) -> bool:
+        """Whether nothing but blank lines follows."""
+        while not self._buffer[self._at :].strip():
+            if not self._fill():
+                return True
+        return False
 
     def required(self, what: str) -> bytes:
         line = self.next()

@@ -1,0 +1,261 @@
+"""Time averages: sums over the snapshots of one segment, and how segments are joined.
+
+A run is a chain of segments of fixed plate travel. A `Collector` takes the snapshots as they come and gives one
+`Sums` per segment, so that nothing but the last snapshot is held in memory. Two ways of sampling the flow:
+
+- ``velocity``: each snapshot with the velocities that it holds;
+- ``displacement``: each pair of snapshots, every particle (by id) along its straight path with velocity Δx/Δt. The
+  flow is then the time integral between the snapshots and closes the balance with the change of the deposited volume,
+  ΔV/Δt + ∇·flow = 0, also where the motion stops and starts between them.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granpipe.errors import DataError
+from granpipe.field import Array, Grid
+from granpipe.homogenize.deposit import Deposit, deposit
+
+Sampling = Literal["velocity", "displacement"]
+
+FORMAT_VERSION = 1
+
+
+class Particles(Protocol):
+    """What is needed of a snapshot."""
+
+    @property
+    def id(self) -> NDArray[np.int64]: ...
+
+    @property
+    def position(self) -> Array: ...
+
+    @property
+    def velocity(self) -> Array: ...
+
+    @property
+    def radius(self) -> Array: ...
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums over the samples of one segment, or of several merged ones.
+
+    Parameters
+    ----------
+    grid : the deposition grid
+    sampling : ``velocity`` (a sample is a snapshot) or ``displacement`` (a sample is a pair of snapshots)
+    start, stop : times of the first and last snapshot [s]
+    duration : time between snapshots that the segment covers [s]; `stop` − `start` unless merged across gaps or runs
+    weight : sum of the samples' weights: 1 for a snapshot, the time between them [s] for a pair
+    volume : (nz, nr) Σ weight × solids volume [m³ · weight]
+    flow_r, flow_z : (nz, nr+1), (nz+1, nr) Σ weight × solids flow [m³/s · weight]
+    gain : (nz, nr) volume at the end less volume at the beginning of `duration` [m³]
+    time : (n,) time of each sample [s], the middle of a pair
+    level_flow : (n, nz+1) solids flow of each sample through every level, positive downwards [m³/s]
+    solids : (n,) solids volume on the grid [m³]
+    kinetic : (n,) kinetic energy of the particles with centres in the grid's z-range, over their density [m⁵/s²]
+    count : (n,) number of these particles
+    """
+
+    grid: Grid
+    sampling: Sampling
+    start: float
+    stop: float
+    duration: float
+    weight: float
+    volume: Array
+    flow_r: Array
+    flow_z: Array
+    gain: Array
+    time: Array
+    level_flow: Array
+    solids: Array
+    kinetic: Array
+    count: Array
+
+    @property
+    def mean_volume(self) -> Array:
+        """(nz, nr) time-averaged solids in each cell [m³]."""
+        return self.volume / self.weight
+
+    @property
+    def mean_flux(self) -> tuple[Array, Array]:
+        """Time-averaged solids flux (nz, nr+1), (nz+1, nr) over the whole faces [m/s]; 0 on the axis."""
+        flux_r = np.zeros_like(self.flow_r)
+        flux_r[:, 1:] = self.flow_r[:, 1:] / (self.weight * self.grid.side_area[1:])
+        return flux_r, self.flow_z / (self.weight * self.grid.ring_area)
+
+    @property
+    def storage(self) -> Array:
+        """(nz, nr) rate at which solids gather in each cell [m³/s]; 0 where a single snapshot cannot tell."""
+        return self.gain / self.duration if self.duration > 0 else np.zeros_like(self.gain)
+
+    def save(self, path: Path) -> None:
+        """Write as ``.npz``."""
+        stored: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "grid"}
+        stored |= {"format_version": FORMAT_VERSION, "r_edges": self.grid.r_edges, "z_edges": self.grid.z_edges}
+        with path.open("wb") as file:
+            np.savez(file, **stored)
+
+    @classmethod
+    def load(cls, path: Path) -> Sums:
+        """Read what `save` wrote."""
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                stored = {name: data[name] for name in data.files}
+            if int(stored.pop("format_version")) != FORMAT_VERSION:
+                raise DataError(f"{path}: segment sums of another version of granpipe; run again")
+            grid = Grid(stored.pop("r_edges"), stored.pop("z_edges"))
+            values = {name: value.item() if value.ndim == 0 else value for name, value in stored.items()}
+            return cls(grid=grid, **values)
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+            raise DataError(f"{path}: not segment sums that granpipe wrote ({error})") from error
+
+
+def merge(parts: Sequence[Sums]) -> Sums:
+    """One `Sums` of several segments (or of replicas), in the order of time; refuses different grids or sampling."""
+    if not parts:
+        raise DataError("no segments to average: none was sampled, or all lie before the start of the average")
+    ordered = sorted(parts, key=lambda part: part.start)
+    first = ordered[0]
+    for part in ordered[1:]:
+        if part.sampling != first.sampling:
+            raise DataError(f"segments sampled by {first.sampling} and by {part.sampling} do not merge")
+        if not _same_grid(part.grid, first.grid):
+            raise DataError(
+                f"segments on different grids do not merge: {_describe(first.grid)}; {_describe(part.grid)}"
+            )
+    added = ("duration", "weight", "volume", "flow_r", "flow_z", "gain")
+    joined = ("time", "level_flow", "solids", "kinetic", "count")
+    values = {name: sum(getattr(part, name) for part in ordered) for name in added}
+    values |= {name: np.concatenate([getattr(part, name) for part in ordered]) for name in joined}
+    return Sums(
+        grid=first.grid, sampling=first.sampling, start=first.start, stop=max(p.stop for p in ordered), **values
+    )
+
+
+def _same_grid(one: Grid, other: Grid) -> bool:
+    return np.array_equal(one.r_edges, other.r_edges) and np.array_equal(one.z_edges, other.z_edges)
+
+
+def _describe(grid: Grid) -> str:
+    rows, columns = grid.shape
+    return f"{rows}×{columns} cells of {grid.cell:g} m from z = {grid.z_edges[0]:g} m"
+
+
+class Collector:
+    """Takes the snapshots of a run in the order of time; gives the sums of the segment that they make.
+
+    The last snapshot of a segment is where the next one begins, so that volume gained between the two is not missed.
+
+    Parameters
+    ----------
+    grid : the deposition grid
+    sampling : see `Sums`
+    points : Gauss points over a cell's height
+    path_points : Gauss points along a path between two snapshots, for ``displacement``
+    """
+
+    def __init__(self, grid: Grid, sampling: Sampling = "velocity", points: int = 3, path_points: int = 2) -> None:
+        self.grid, self.sampling, self.points = grid, sampling, points
+        node, weight = np.polynomial.legendre.leggauss(path_points)
+        self._path = list(zip(0.5 + 0.5 * node, 0.5 * weight, strict=True))
+        self._last: tuple[float, Particles] | None = None
+        self._last_volume: Array | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        """Empty the sums; the present last snapshot is the beginning of the segment."""
+        self._samples: list[tuple[float, float, Deposit, float, int]] = []
+        self._first = self._last
+        self._first_volume = self._last_volume
+        rows, columns = self.grid.shape
+        self._sum = Deposit(np.zeros((rows, columns)), np.zeros((rows, columns + 1)), np.zeros((rows + 1, columns)))
+        self._weight = 0.0
+        self._series: list[tuple[float, Array, float, float, int]] = []
+
+    def add(self, time: float, particles: Particles) -> None:
+        """Take one snapshot, later than all before it."""
+        if self._last is not None and time <= self._last[0]:
+            raise DataError(f"a snapshot at {time:g} s comes after one at {self._last[0]:g} s")
+        if self.sampling == "velocity":
+            position, velocity, radius = particles.position, particles.velocity, particles.radius
+            sample = deposit(position, radius, velocity, self.grid, self.points)
+            self._take(time, 1.0, sample, position[:, 2], radius, velocity)
+            self._last_volume = sample.volume
+        elif self._last is not None:
+            self._add_pair(self._last[0], self._last[1], time, particles)
+        self._last = time, particles
+        if self._first is None:
+            self._first, self._first_volume = self._last, self._last_volume
+
+    def _add_pair(self, before: float, old: Particles, now: float, new: Particles) -> None:
+        _, at_old, at_new = np.intersect1d(old.id, new.id, return_indices=True)
+        start, radius = old.position[at_old], new.radius[at_new]
+        path = new.position[at_new] - start
+        velocity = path / (now - before)
+        parts = [deposit(start + x * path, radius, velocity, self.grid, self.points) for x, _ in self._path]
+        weights = [weight for _, weight in self._path]
+        sample = Deposit(
+            *(sum(w * array for w, array in zip(weights, arrays, strict=True)) for arrays in zip(*parts, strict=True))
+        )
+        self._take(0.5 * (before + now), now - before, sample, start[:, 2] + 0.5 * path[:, 2], radius, velocity)
+
+    def _take(self, time: float, weight: float, sample: Deposit, z: Array, radius: Array, velocity: Array) -> None:
+        """Add one sample to the sums and to the series."""
+        for total, part in zip(self._sum, sample, strict=True):
+            total += weight * part
+        self._weight += weight
+        within = (z >= self.grid.z_edges[0]) & (z <= self.grid.z_edges[-1])
+        energy = 2 / 3 * np.pi * radius[within] ** 3 @ (velocity[within] ** 2).sum(axis=1)
+        flow = -sample.flow_z.sum(axis=1)
+        self._series.append((time, flow, float(sample.volume.sum()), float(energy), int(within.sum())))
+
+    def take(self) -> Sums:
+        """The sums of the segment so far; the next snapshot begins the next segment."""
+        if not self._series or self._first is None or self._last is None:
+            raise DataError(f"too few snapshots for a segment sampled by {self.sampling}")
+        time, level_flow, solids, kinetic, count = (
+            np.array(values, dtype=float) for values in zip(*self._series, strict=True)
+        )
+        start_volume, stop_volume = (
+            self._volume(self._first, self._first_volume),
+            self._volume(self._last, self._last_volume),
+        )
+        sums = Sums(
+            grid=self.grid,
+            sampling=self.sampling,
+            start=self._first[0],
+            stop=self._last[0],
+            duration=self._last[0] - self._first[0],
+            weight=self._weight,
+            volume=self._sum.volume,
+            flow_r=self._sum.flow_r,
+            flow_z=self._sum.flow_z,
+            gain=stop_volume - start_volume,
+            time=time,
+            level_flow=level_flow,
+            solids=solids,
+            kinetic=kinetic,
+            count=count,
+        )
+        self._last_volume = stop_volume
+        self._begin()
+        return sums
+
+    def _volume(self, snapshot: tuple[float, Particles], known: Array | None) -> Array:
+        """(nz, nr) deposited volume of a snapshot, computed where it is not known yet."""
+        if known is not None:
+            return known
+        particles = snapshot[1]
+        position = particles.position
+        return deposit(position, particles.radius, np.zeros_like(position), self.grid, self.points).volume

@@ -1,0 +1,96 @@
+"""What the plug above the plate says about packing and flow, and the paper's adjustment of every row to that flow.
+
+Sparta & Halvorsen (2017), Appendix B: the bulk flow, which the plate imposes, scales the flow of every row of the grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from granpipe.errors import DataError
+from granpipe.field import Array, Grid, Mask, level_flow
+from granpipe.homogenize.average import Sums
+
+_LEAST_FLOW = 0.05  # of the plug's: a level that carries less is not in steady flow, and no factor mends it
+
+
+@dataclass(frozen=True)
+class Plug:
+    """Packing and flow in the plug.
+
+    Parameters
+    ----------
+    packing : φ_ref, solids fraction away from the walls
+    solids_flow : solids through the whole section, positive downwards [m³/s]
+    spread : largest deviation of a level's flow from `solids_flow`, as a part of it
+    """
+
+    packing: float
+    solids_flow: float
+    spread: float
+
+    @property
+    def bulk_flow(self) -> float:
+        """Φ: flow of the bulk material, voids included [m³/s]."""
+        return self.solids_flow / self.packing
+
+
+def measure_plug(
+    sums: Sums, inside_fraction: Array, z_range: tuple[float, float], diameter: float, packing: float | None = None
+) -> Plug:
+    """Measure the plug in the rows wholly inside `z_range`.
+
+    Parameters
+    ----------
+    sums : the average
+    inside_fraction : (nz, nr) part of each cell inside the outline
+    z_range : bottom and top of the plug [m]; at least five particle diameters from the plate, which orders particles
+    diameter : particle diameter [m]: the layer of this thickness along walls is left out of the packing (its order
+        lowers the mean), but not of the flow
+    packing : φ_ref where the case gives it; the flow is measured all the same
+    """
+    grid = sums.grid
+    rows = (grid.z_edges[:-1] >= z_range[0] - 1e-9) & (grid.z_edges[1:] <= z_range[1] + 1e-9)
+    if not rows.any():
+        raise DataError(f"no row of the grid lies in the plug, z = {z_range[0]:g} … {z_range[1]:g} m: use a finer cell")
+    levels = np.append(rows, False) | np.insert(rows, 0, False)
+    flows = level_flow(sums.mean_flux[1], grid)[levels]
+    flow = float(flows.mean())
+    if flow <= 0:
+        raise DataError(f"no downward flow in the plug, z = {z_range[0]:g} … {z_range[1]:g} m: {flow:g} m³/s")
+    return Plug(
+        packing if packing is not None else _core_packing(sums, inside_fraction, rows, diameter),
+        flow,
+        float(np.abs(flows / flow - 1).max()),
+    )
+
+
+def _core_packing(sums: Sums, inside_fraction: Array, rows: Mask, diameter: float) -> float:
+    """Solids fraction of the cells of some rows that are at least a diameter from every wall."""
+    reach = int(np.ceil(diameter / sums.grid.cell))
+    # beyond the outermost edge is wall; on the other side of the axis is the vessel
+    walled = np.pad(inside_fraction, ((0, 0), (0, reach)))
+    nearest = ndimage.minimum_filter1d(walled, 2 * reach + 1, axis=1, mode="nearest")[:, : inside_fraction.shape[1]]
+    core = (nearest > 1 - 1e-9) & rows[:, None]
+    if not core.any():
+        raise DataError(f"the plug is too narrow for its packing to be measured {diameter:g} m away from its walls")
+    return float(sums.mean_volume[core].sum() / np.broadcast_to(sums.grid.cell_volume, core.shape)[core].sum())
+
+
+def scale_rows(flux_r: Array, flux_z: Array, grid: Grid, solids_flow: float) -> tuple[Array, Array]:
+    """Scale every row to the same flow: both components by one factor per level.
+
+    The faces of a level get its factor, the cylindrical faces of a row the mean of its two levels' factors.
+    """
+    flow = level_flow(flux_z, grid)
+    weak = np.flatnonzero(flow < _LEAST_FLOW * solids_flow)
+    if len(weak):
+        raise DataError(
+            f"hardly any flow through z = {grid.z_edges[weak[0]]:g} m: {flow[weak[0]]:g} m³/s of solids, where the "
+            f"plug carries {solids_flow:g} m³/s: not steady yet (average later or longer), or blocked there"
+        )
+    factor = solids_flow / flow
+    return flux_r * (0.5 * (factor[1:] + factor[:-1]))[:, None], flux_z * factor[:, None]
