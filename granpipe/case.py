@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -112,7 +113,7 @@ class Outline(Group):
     )
     sections: dict[
         Annotated[str, Word()],
-        Annotated[Section, Short(Levels().schema)],
+        Annotated[Section, Short(Levels())],
     ] = Field(
         default_factory=lambda data: _sections_by_slope(data["wall"]),
         description="Parts of the vessel between two levels, by name. Unless given: one for each change of wall slope, "
@@ -278,7 +279,7 @@ class Spread(Group):
         return Spread(**half(self.model_dump(exclude_none=True)))
 
 
-_SPREAD_SHORT = Short(_SIZE.schema)
+_SPREAD_SHORT = Short(_SIZE)
 
 
 class Size(Group):
@@ -329,10 +330,10 @@ class Material(Group):
     bulk_density: Annotated[float | None, Quantity(DENSITY, above=0, at_most=30000)] = Field(
         default=None, description="Density of the bulk, voids included. Unless given, measured in the DEM plug."
     )
-    internal_friction_angle: Annotated[float | None, Quantity(ANGLE, above=0, below=1.5707)] = Field(
+    internal_friction_angle: Annotated[float | None, Quantity(ANGLE, above=0, below=math.pi / 2)] = Field(
         default=None, description="Effective angle of internal friction of the bulk (shear test), for Jenike's limit."
     )
-    wall_friction_angle: Annotated[float | None, Quantity(ANGLE, at_least=0, below=1.5707)] = Field(
+    wall_friction_angle: Annotated[float | None, Quantity(ANGLE, at_least=0, below=math.pi / 2)] = Field(
         default=None, description="Angle of friction of the bulk on the wall (shear test), for Jenike's limit."
     )
     size: Size = Field(description="Particle sizes; say whether radius or diameter.")
@@ -567,8 +568,22 @@ def load_case(path: Path, overrides: Mapping[str, str] | None = None) -> Case:
 
 def schema_json() -> str:
     """JSON Schema of a case file, for editors."""
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | Case.model_json_schema()
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _for_editors(Case.model_json_schema())
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def _for_editors(schema: Any) -> Any:
+    """Without generated titles and without null, which no key accepts; names of obstacles and sections checked."""
+    if isinstance(schema, list):
+        return [_for_editors(item) for item in schema if item != {"type": "null"}]
+    if not isinstance(schema, dict):
+        return schema
+    kept = {
+        key: _for_editors(value)
+        for key, value in schema.items()
+        if not (key == "title" and isinstance(value, str)) and not (key == "default" and value is None)
+    }
+    return kept | ({"additionalProperties": False} if "patternProperties" in kept else {})
 
 
 def starter_case() -> str:

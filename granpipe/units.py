@@ -72,8 +72,9 @@ def accepted(dimension: Dimension) -> str:
     """What may stand for a quantity, for messages and documentation."""
     if not dimension.unit:
         return f"{dimension.name} such as {dimension.example}"
-    bare = f", or a number in {dimension.unit}" if dimension.bare else " with its unit"
-    return f"{dimension.name} such as {dimension.example}{bare}"
+    if not dimension.bare:
+        return f"{dimension.name} with its unit, such as {dimension.example}"
+    return f"{dimension.name} such as {dimension.example}, or a number in {dimension.unit}"
 
 
 def in_si(value: Any, dimension: Dimension) -> float:
@@ -82,7 +83,7 @@ def in_si(value: Any, dimension: Dimension) -> float:
     if powers is not None and powers != dimension.powers:
         raise UnitError(f"must be {accepted(dimension)}")
     if powers is None and not dimension.bare:
-        raise UnitError(f"must be {accepted(dimension)}; a bare number does not say which")
+        raise UnitError(f"must be {accepted(dimension)}")
     result = tidy(number * scale)
     if not math.isfinite(result):
         raise UnitError(f"must be finite: {accepted(dimension)}")

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaH
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from granpipe.errors import KeyPath
-from granpipe.units import NUMBER, Dimension, UnitError, accepted, flow_in_si, in_si
+from granpipe.units import ANGLE, NUMBER, Dimension, UnitError, accepted, flow_in_si, in_si
 
 MAX_INTEGER = 2**31 - 1
 MAX_POINTS = 10_000
@@ -101,6 +101,9 @@ class Quantity(Kind):
         low = self.above if self.above is not None else self.at_least
         high = self.below if self.below is not None else self.at_most
         unit = f" {self.dimension.unit}" if self.dimension.unit else ""
+        if self.dimension is ANGLE:
+            low, high = (None if bound is None else math.degrees(bound) for bound in (low, high))
+            unit = " deg"
         if low is not None and high is not None:
             left, right = "(" if self.above is not None else "[", ")" if self.below is not None else "]"
             return f"in {left}{low:g}, {high:g}{right}{unit}"
@@ -340,12 +343,12 @@ class Flow(Kind):
 
 @dataclass(frozen=True)
 class Short:
-    """Metadata of a field whose group of keys has a short form: adds the short form's JSON Schema."""
+    """Metadata of a field whose group of keys has a short form: what may stand in place of the group."""
 
-    short: Callable[[], dict[str, Any]]
+    kind: Kind
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return {"anyOf": [self.short(), handler(core)]}
+        return {"anyOf": [self.kind.schema(), handler(core)]}
 
 
 class Group(BaseModel):
