@@ -1,0 +1,58 @@
+"""Which solids touch: axis, wall and obstacles, in groups that hang together.
+
+In the (r, z) half-plane the axis bounds the vessel on the left and the wall on the right. Particles find a way from the
+inlet to the outlet exactly if no chain of touching solids joins the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import combinations
+
+import numpy as np
+
+from granpipe.field import Array
+from granpipe.geometry.segments import chain, closest_approach
+
+AXIS, WALL = "\0axis", "\0wall"  # no obstacle can have these names
+
+
+class Groups:
+    """Solids joined into groups (union–find)."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._parent = {name: name for name in (AXIS, WALL, *names)}
+
+    def root(self, name: str) -> str:
+        """Representative of the group."""
+        while self._parent[name] != name:
+            name = self._parent[name]
+        return name
+
+    def join(self, a: str, b: str) -> None:
+        """Make one group of the groups of a and b."""
+        self._parent[self.root(a)] = self.root(b)
+
+    def joined(self, a: str, b: str) -> bool:
+        """Whether a and b belong to one group."""
+        return self.root(a) == self.root(b)
+
+    def bridged_by(self, a: str, b: str) -> bool:
+        """Whether joining a and b would close the way between axis and wall."""
+        ends = {self.root(AXIS), self.root(WALL)}
+        return {self.root(a), self.root(b)} == ends
+
+
+def touching_groups(wall: Array, obstacles: Mapping[str, Array], tolerance: float) -> Groups:
+    """Groups of solids that touch: wall (n, 2), axis, and obstacles (closed polygons)."""
+    groups = Groups(obstacles)
+    borders = {name: chain(polygon, closed=True) for name, polygon in obstacles.items()}
+    for name, border in borders.items():
+        if np.min(obstacles[name][:, 0]) <= tolerance:
+            groups.join(name, AXIS)
+        if closest_approach(border, chain(wall))[0] <= tolerance:
+            groups.join(name, WALL)
+    for a, b in combinations(borders, 2):
+        if closest_approach(borders[a], borders[b])[0] <= tolerance:
+            groups.join(a, b)
+    return groups

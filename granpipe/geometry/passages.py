@@ -1,0 +1,261 @@
+"""Narrowings of the way from inlet to outlet, with the gap that a particle meets in each."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granpipe.errors import KeyPath
+from granpipe.field import Array
+from granpipe.geometry.contacts import AXIS, WALL
+from granpipe.geometry.segments import chain, closest_approach, crosses, distance_to
+from granpipe.geometry.validate import WALL_KEY, obstacle_key
+
+if TYPE_CHECKING:
+    from granpipe.geometry.outline import Outline
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A local narrowing.
+
+    Parameters
+    ----------
+    name : what users call it: "outlet", "throat", "gap between ring and wall"
+    z : height [m]
+    r_inner, r_outer : radii of its ends [m]; 0 where it lies round the axis
+    gap : diameter of the largest sphere that passes [m]
+    area : of the narrowest section [m²]
+    required : nothing passes the vessel but through here
+    key : path in the case of what makes it narrow
+    """
+
+    name: str
+    z: float
+    r_inner: float
+    r_outer: float
+    gap: float
+    area: float
+    required: bool
+    key: KeyPath
+
+
+@dataclass(frozen=True, eq=False)
+class _Channel:
+    """A piece of free space between two levels, bounded by one solid on each side.
+
+    `lower` and `upper` are its radial intervals (r0, r1) at the two levels, `sides` the solids left and right.
+    """
+
+    lower: tuple[float, float]
+    upper: tuple[float, float]
+    sides: tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class _Opening:
+    """Where the channel above a level meets the one below it; None: the straight pipe beyond inlet or outlet."""
+
+    z: float
+    r0: float
+    r1: float
+    sides: tuple[str, str]
+    above: _Channel | None
+    below: _Channel | None
+
+    @property
+    def width(self) -> float:
+        return self.r1 - self.r0
+
+    def ways(self) -> Iterator[tuple[_Channel, float, float]]:
+        """The channels that leave from here, each with its width here and at its other end."""
+        if self.above:
+            yield self.above, _width(self.above.lower), _width(self.above.upper)
+        if self.below:
+            yield self.below, _width(self.below.upper), _width(self.below.lower)
+
+
+def find_passages(outline: Outline) -> tuple[Passage, ...]:
+    """Every narrowing, from the top down: the outlet, throats, and the gaps beside and between obstacles."""
+    openings = _openings(outline)
+    narrow = [o for o in _narrowest(openings, outline.tolerance) if not outline.groups.joined(*o.sides)]
+    gaps: dict[frozenset[str], float] = {}
+    found = []
+    for opening in narrow:
+        passage = _as_passage(outline, opening)
+        found.append(passage)
+        pair = frozenset(opening.sides)
+        gaps[pair] = min(passage.gap, gaps.get(pair, np.inf))
+    return tuple(sorted([*found, *_slits(outline, gaps)], key=lambda p: (-p.z, p.r_inner)))
+
+
+def _openings(outline: Outline) -> list[_Opening]:
+    """Every place where channels meet, level by level from the top."""
+    heights = np.concatenate([outline.wall[:, 1], *(polygon[:, 1] for polygon in outline.obstacles.values())])
+    levels = _distinct(heights, outline.tolerance)
+    inlet, outlet = _pipe(outline.inlet_radius), _pipe(outline.outlet_radius)
+    rows = [[inlet], *(_channels(outline, low, high) for high, low in pairwise(levels)), [outlet]]
+    met = [
+        _meet(z, a, b, None if a is inlet else a, None if b is outlet else b)
+        for z, (above, below) in zip(levels, pairwise(rows), strict=True)
+        for a in above
+        for b in below
+    ]
+    return [opening for opening in met if opening.width > outline.tolerance]
+
+
+def _distinct(heights: Array, tolerance: float) -> list[float]:
+    """Levels from the top down, those closer than the tolerance taken as one."""
+    levels: list[float] = []
+    for z in np.sort(heights)[::-1]:
+        if not levels or levels[-1] - z > tolerance:
+            levels.append(float(z))
+    return levels
+
+
+def _pipe(radius: float) -> _Channel:
+    return _Channel((0.0, radius), (0.0, radius), (AXIS, WALL))
+
+
+def _width(interval: tuple[float, float]) -> float:
+    return interval[1] - interval[0]
+
+
+def _meet(z: float, a: _Channel, b: _Channel, above: _Channel | None, below: _Channel | None) -> _Opening:
+    (a0, a1), (b0, b1) = a.lower, b.upper
+    left = a.sides[0] if a0 >= b0 else b.sides[0]
+    right = a.sides[1] if a1 <= b1 else b.sides[1]
+    return _Opening(z, max(a0, b0), min(a1, b1), (left, right), above, below)
+
+
+def _channels(outline: Outline, low: float, high: float) -> list[_Channel]:
+    """Free pieces of the slab between two neighbouring levels; their order cannot change inside it."""
+    names = (WALL, *outline.obstacles)
+    spans, radii = outline.edges.at(np.array([low, 0.5 * (low + high), high]), "below")
+    met = sorted(np.flatnonzero(spans[:, 1]), key=lambda i: (radii[i, 1], outline.edges.sign[i]))
+    channels = []
+    left, left_name = (0.0, 0.0), AXIS
+    for i in met:
+        at = float(radii[i, 0]), float(radii[i, 2])
+        name = names[outline.edges.owner[i]]
+        enters_solid = outline.edges.sign[i] > 0
+        if enters_solid and max(at[0] - left[0], at[1] - left[1]) > outline.tolerance:
+            channels.append(_Channel((left[0], at[0]), (left[1], at[1]), (left_name, name)))
+        if name == WALL:
+            break
+        left, left_name = at, name
+    return channels
+
+
+def _narrowest(openings: list[_Opening], tolerance: float) -> list[_Opening]:
+    """The openings from which every way leads to a wider one, the lowest of equal ones; and the outlet in any case."""
+    ends: dict[_Channel, list[_Opening]] = defaultdict(list)
+    for opening in openings:
+        for channel, _, _ in opening.ways():
+            ends[channel].append(opening)
+    chosen = []
+    left = set(openings)
+    for first in reversed(openings):
+        if first in left:
+            plateau = _plateau(first, ends, tolerance)
+            left -= plateau
+            lowest = min(plateau, key=lambda o: o.z)
+            if lowest.below is None or not any(_leads_narrower(o, ends, tolerance) for o in plateau):
+                chosen.append(lowest)
+    return chosen
+
+
+def _plateau(first: _Opening, ends: dict[_Channel, list[_Opening]], tolerance: float) -> set[_Opening]:
+    """The openings that hang together with this one through channels of the same width."""
+    plateau, waiting = {first}, [first]
+    while waiting:
+        opening = waiting.pop()
+        for channel, near, far in opening.ways():
+            if max(abs(near - opening.width), abs(far - opening.width)) <= tolerance:
+                new = {o for o in ends[channel] if abs(o.width - opening.width) <= tolerance} - plateau
+                plateau |= new
+                waiting += new
+    return plateau
+
+
+def _leads_narrower(opening: _Opening, ends: dict[_Channel, list[_Opening]], tolerance: float) -> bool:
+    """Whether a channel from here narrows, or leads at its own width to something narrower."""
+    for channel, near, far in opening.ways():
+        if near > opening.width + tolerance or far > opening.width + tolerance:
+            continue
+        if far < opening.width - tolerance:
+            return True
+        if any(o.width < opening.width - tolerance for o in ends[channel]):
+            return True
+    return False
+
+
+def _as_passage(outline: Outline, opening: _Opening) -> Passage:
+    left, right = opening.sides
+    required = outline.groups.bridged_by(left, right)
+    name, key = _describe(outline, opening)
+    if left == AXIS:
+        area = float(np.pi * opening.r1**2)
+        return Passage(name, opening.z, 0.0, opening.r1, 2 * opening.r1, area, required, key)
+    ends = np.array([[opening.r0, opening.z], [opening.r1, opening.z]])
+    across = [
+        opening.width,
+        float(distance_to(ends[:1], _border(outline, right))[0]),
+        float(distance_to(ends[1:], _border(outline, left))[0]),
+    ]
+    gap = min(across)
+    area = float(np.pi * (opening.r0 + opening.r1) * gap)
+    return Passage(name, opening.z, opening.r0, opening.r1, gap, area, required, key)
+
+
+def _describe(outline: Outline, opening: _Opening) -> tuple[str, KeyPath]:
+    """What users call the opening, and the key that makes it narrow."""
+    left, right = opening.sides
+    blame = next((side for side in (right, left) if side in outline.obstacles), None)
+    if blame is None:
+        offset = np.abs(outline.wall - [opening.r1, opening.z]).sum(axis=1)
+        key: KeyPath = (*WALL_KEY, int(offset.argmin()))
+        name = "outlet" if opening.below is None else "inlet" if opening.above is None else "throat"
+        return name, key
+    if opening.below is None:
+        return f"outlet beside {blame}", obstacle_key(blame)
+    return (f"opening inside {right}" if left == AXIS else _gap_name(left, right)), obstacle_key(blame)
+
+
+def _gap_name(a: str, b: str) -> str:
+    first, second = sorted((a, b), key=lambda side: side == WALL)
+    return f"gap between {first} and {'the wall' if second == WALL else second}"
+
+
+def _border(outline: Outline, side: str) -> Array:
+    return chain(outline.wall) if side == WALL else chain(outline.obstacles[side], closed=True)
+
+
+def _slits(outline: Outline, known: dict[frozenset[str], float]) -> Iterator[Passage]:
+    """Gaps that no horizontal cut shows: between solids of which one hangs over the other."""
+    for a, b in combinations((*outline.obstacles, WALL), 2):
+        if outline.groups.joined(a, b):
+            continue
+        gap, on_a, on_b = closest_approach(_border(outline, a), _border(outline, b))
+        ends = np.array([on_a, on_b])
+        if gap < known.get(frozenset((a, b)), np.inf) * (1 - 1e-6) and _is_slit(outline, ends, gap, {a, b}):
+            r_inner, r_outer = sorted(ends[:, 0])
+            area = float(np.pi * (r_inner + r_outer) * gap)
+            required = outline.groups.bridged_by(a, b)
+            z = float(ends[:, 1].mean())
+            yield Passage(_gap_name(a, b), z, float(r_inner), float(r_outer), gap, area, required, obstacle_key(a))
+
+
+def _is_slit(outline: Outline, ends: Array, gap: float, pair: set[str]) -> bool:
+    """Whether nothing else stands between the ends and the free space about them is wider than the gap."""
+    others = {WALL, *outline.obstacles} - pair
+    if any(crosses(ends[None], _border(outline, other)).any() for other in others):
+        return False
+    r, z = ends.mean(axis=0)
+    widths = [(2 * r1 if r0 == 0 else r1 - r0) for r0, r1 in outline.intervals(z) if r0 <= r <= r1]
+    return bool(widths) and gap < widths[0]

@@ -1,0 +1,119 @@
+"""Line segments in the (r, z) plane: distances, crossings, winding. All functions take and give plain arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granpipe.field import Array, Mask
+
+
+def chain(points: Array, closed: bool = False) -> Array:
+    """Segments (n, 2, 2) that join the points (n or n+1, 2) in order; [segment, end, (r, z)]."""
+    following = np.roll(points, -1, axis=0)
+    joined = np.stack([points, following], axis=1)
+    return joined if closed else joined[:-1]
+
+
+def cross(a: Array, b: Array) -> Array:
+    """z-component of the cross product of vectors in the plane, over the last axis."""
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def nearest_points(points: Array, segments: Array) -> tuple[Array, Array]:
+    """Distance (n, m) from each point (n, 2) to each segment (m, 2, 2), and the nearest points (n, m, 2)."""
+    start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
+    length2 = np.maximum(np.sum(along**2, axis=-1), np.finfo(float).tiny)
+    part = np.clip(np.sum((points[:, None] - start) * along, axis=-1) / length2, 0.0, 1.0)
+    foot = start + part[..., None] * along
+    return np.linalg.norm(points[:, None] - foot, axis=-1), foot
+
+
+def distance_to(points: Array, segments: Array) -> Array:
+    """(n,) distance from each point (n, 2) to the nearest of the segments (m, 2, 2)."""
+    return np.asarray(nearest_points(points, segments)[0].min(axis=1))
+
+
+def crossing_parts(a: Array, b: Array) -> Array:
+    """(n, m) position along a[i], 0–1, where b[j] crosses or touches it; NaN where it does not or is parallel."""
+    along_a, along_b = a[:, 1] - a[:, 0], b[:, 1] - b[:, 0]
+    between = b[None, :, 0] - a[:, None, 0]
+    turn = cross(along_a[:, None], along_b[None])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        on_a = cross(between, along_b[None]) / turn
+        on_b = cross(between, along_a[:, None]) / turn
+    met = (on_a >= 0) & (on_a <= 1) & (on_b >= 0) & (on_b <= 1)
+    return np.where(met, on_a, np.nan)
+
+
+def crosses(a: Array, b: Array) -> Mask:
+    """(n, m) whether segment a[i] meets b[j] (parallel overlaps excepted)."""
+    return np.asarray(~np.isnan(crossing_parts(a, b)))
+
+
+def closest_approach(a: Array, b: Array) -> tuple[float, Array, Array]:
+    """Smallest distance between two sets of segments, and the points on a and on b where it is reached."""
+    met = crossing_parts(a, b)
+    if not np.isnan(met).all():
+        i, j = np.unravel_index(np.nanargmin(met), met.shape)
+        point = a[i, 0] + met[i, j] * (a[i, 1] - a[i, 0])
+        return 0.0, point, point
+    from_a, foot_on_b = nearest_points(a.reshape(-1, 2), b)
+    from_b, foot_on_a = nearest_points(b.reshape(-1, 2), a)
+    if from_a.min() <= from_b.min():
+        i, j = np.unravel_index(from_a.argmin(), from_a.shape)
+        return float(from_a[i, j]), a.reshape(-1, 2)[i], foot_on_b[i, j]
+    i, j = np.unravel_index(from_b.argmin(), from_b.shape)
+    return float(from_b[i, j]), foot_on_a[i, j], b.reshape(-1, 2)[i]
+
+
+def pieces(segments: Array, cutters: Array) -> Array:
+    """The segments (n, 2, 2) cut where the cutters meet them: (k, 2, 2)."""
+    parts = crossing_parts(segments, cutters)
+    cut = []
+    for segment, met in zip(segments, parts, strict=True):
+        at = np.unique(np.concatenate([[0.0, 1.0], met[~np.isnan(met)]]))
+        points = segment[0] + at[:, None] * (segment[1] - segment[0])
+        cut.append(chain(points))
+    return np.concatenate(cut)
+
+
+def signed_area(polygon: Array) -> float:
+    """Area of a closed polygon (n, 2) in the plane; positive when it runs anticlockwise in (r, z)."""
+    return 0.5 * float(np.sum(cross(polygon, np.roll(polygon, -1, axis=0))))
+
+
+def inside_polygon(points: Array, polygon: Array) -> Mask:
+    """(n,) whether each point lies inside the closed polygon (m, 2), by the even–odd rule."""
+    edges = chain(polygon, closed=True)
+    (r0, z0), (r1, z1) = edges[:, 0].T, edges[:, 1].T
+    r, z = points[:, :1], points[:, 1:]
+    spans = (z0 > z) != (z1 > z)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_the_right = r < r0 + (z - z0) * (r1 - r0) / (z1 - z0)
+    return np.asarray((spans & to_the_right).sum(axis=1) % 2 == 1)
+
+
+def gaps(a: Array, b: Array) -> Array:
+    """(n, m) distance between every segment of a and every segment of b; 0 where they cross."""
+    ends_of_a = nearest_points(a.reshape(-1, 2), b)[0].reshape(len(a), 2, len(b)).min(axis=1)
+    ends_of_b = nearest_points(b.reshape(-1, 2), a)[0].reshape(len(b), 2, len(a)).min(axis=1).T
+    return np.where(crosses(a, b), 0.0, np.minimum(ends_of_a, ends_of_b))
+
+
+def self_contact(segments: Array, tolerance: float, closed: bool) -> tuple[int, int] | None:
+    """First two segments of one chain that meet although they are not neighbours, or that fold back on each other."""
+    count = len(segments)
+    index = np.arange(count)
+    apart = np.abs(index[:, None] - index)
+    if closed:
+        apart = np.minimum(apart, count - apart)
+    along = segments[:, 1] - segments[:, 0]
+    following = np.roll(along, -1, axis=0)
+    flat = np.abs(cross(along, following)) <= 1e-9 * np.linalg.norm(along, axis=1) * np.linalg.norm(following, axis=1)
+    folds = flat & (np.sum(along * following, axis=1) < 0)
+    if not closed:
+        folds[-1] = False
+    bad = (gaps(segments, segments) <= tolerance) & (apart > 1)
+    bad[index[folds], (index[folds] + 1) % count] = True
+    found = np.argwhere(bad)
+    return (int(found[0].min()), int(found[0].max())) if len(found) else None
