@@ -1,0 +1,185 @@
+"""The vessel as surfaces of revolution for LIGGGHTS: one STL file each for the wall, every obstacle and the plate.
+
+Facets stand one above the other and not staggered: only then is every horizontal cut a regular polygon with the area
+of its circle. Staggered by half a facet, the cut midway between two rings is (1 + cos α)/(2 cos α) times too large,
+α = π/facets: 1.8 % at 12 facets, 0.4 % at 24.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import pairwise
+from math import degrees, pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granpipe.errors import MeshError
+from granpipe.field import Array
+from granpipe.geometry.outline import Outline
+from granpipe.geometry.revolve import SMALLEST_ANGLE, Turn, generatrix, triangle_angles
+from granpipe.geometry.segments import chain, nearest_points
+
+
+@dataclass(frozen=True)
+class Walls:
+    """What was written.
+
+    Parameters
+    ----------
+    files : name of the mesh (vessel, obstacle_<name>, plate) → STL file
+    triangles : name of the mesh → number of triangles
+    facets : of the vessel's wall per turn
+    radius : largest distance of a corner from the axis [m]
+    inward : how far the middle of a facet lies inside the true wall, at most [m]
+    plate_area : of the outlet's polygon [m²], which is that of its circle
+    smallest_angle : of all triangles [rad]
+    box : (3, 2) lowest and highest x, y and z [m]
+    """
+
+    files: Mapping[str, Path]
+    triangles: Mapping[str, int]
+    facets: int
+    radius: float
+    inward: float
+    plate_area: float
+    smallest_angle: float
+    box: Array
+
+
+def build_walls(
+    outline: Outline, *, top: float, bottom: float, plate_z: float | None, particle_diameter: float, folder: Path
+) -> Walls:
+    """Write the STL files into the folder.
+
+    The vessel's wall goes on straight above the inlet up to `top` and below the outlet down to `bottom`. Faces of
+    obstacles that lie on the wall or on the axis are left out.
+
+    Parameters
+    ----------
+    top, bottom : upper and lower end of the wall mesh [m]
+    plate_z : height of the flat disc in the outlet [m]; None: there is none
+    particle_diameter : what the chord error is measured by [m]
+    """
+    if not (top >= outline.z_top and bottom <= outline.z_bottom):
+        raise ValueError("reservoir and extension lie outside the outline")
+    turn = Turn.within(outline.r_max, particle_diameter)
+    lines = {"vessel": ([_vessel(outline, top, bottom)], turn)}
+    for name in outline.obstacles:
+        radius = _group_radius(outline, name)
+        lines[f"obstacle_{name}"] = (_exposed(outline, name), Turn.within(radius, particle_diameter))
+    if plate_z is not None:
+        lines["plate"] = ([np.array([[0.0, plate_z], [outline.outlet_radius, plate_z]])], turn)
+    files, meshes = {}, {}
+    for name, (parts, own_turn) in lines.items():
+        files[name] = folder / f"{name}.stl"
+        meshes[name] = _revolve([generatrix(part, own_turn, name) for part in parts], own_turn, files[name])
+    corners = np.concatenate(list(meshes.values()))
+    return Walls(
+        files=files,
+        triangles={name: len(mesh) for name, mesh in meshes.items()},
+        facets=turn.facets,
+        radius=float(np.hypot(corners[..., 0], corners[..., 1]).max()),
+        inward=turn.inward * outline.r_max,
+        plate_area=pi * outline.outlet_radius**2,
+        smallest_angle=min(_checked(name, mesh) for name, mesh in meshes.items()),
+        box=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], axis=1),
+    )
+
+
+def _vessel(outline: Outline, top: float, bottom: float) -> Array:
+    """The wall with its straight ends."""
+    line = [[outline.inlet_radius, top], *outline.wall.tolist(), [outline.outlet_radius, bottom]]
+    return np.array([a for a, b in pairwise(line) if a != b] + line[-1:])
+
+
+def _group_radius(outline: Outline, name: str) -> float:
+    """Largest radius of what this obstacle touches: solids that meet share their facets."""
+    if outline.stands_on(name) == "wall":
+        return outline.r_max
+    group = (p for other, p in outline.obstacles.items() if outline.groups.joined(name, other))
+    return max(float(polygon[:, 0].max()) for polygon in group)
+
+
+def _exposed(outline: Outline, name: str) -> list[Array]:
+    """The chains of an obstacle's edges that particles can touch."""
+    edges = chain(outline.obstacles[name], closed=True)
+    on_wall = nearest_points(edges.reshape(-1, 2), chain(outline.wall))[0].reshape(len(edges), 2, -1)
+    along_wall = np.any(np.all(on_wall <= outline.tolerance, axis=1), axis=1)
+    along_axis = np.all(edges[:, :, 0] <= outline.tolerance, axis=1)
+    hidden = np.asarray(along_wall | along_axis)
+    if not hidden.any():
+        return [np.concatenate([edges[:, 0], edges[:1, 0]])]
+    first = int(np.flatnonzero(hidden)[0]) + 1
+    chains: list[list[Array]] = [[]]
+    for i in (np.arange(len(edges)) + first) % len(edges):
+        if hidden[i]:
+            chains.append([])
+        else:
+            chains[-1] += [edges[i, 1]] if chains[-1] else [edges[i, 0], edges[i, 1]]
+    return [_on_axis(np.array(line), outline.tolerance) for line in chains if line]
+
+
+def _on_axis(points: Array, tolerance: float) -> Array:
+    """Points within the tolerance of the axis put on it."""
+    return np.where(points <= [tolerance, -np.inf], [0.0, 0.0], points)
+
+
+def _checked(name: str, corners: Array) -> float:
+    """Smallest angle of the mesh [rad]; MeshError where LIGGGHTS would not take it."""
+    smallest = float(triangle_angles(corners).min())
+    if smallest < SMALLEST_ANGLE:
+        raise MeshError(
+            f"{name}: a triangle has an angle of {degrees(smallest):.2g}°, and LIGGGHTS wants well above 0.5°; "
+            "look for very short edges beside long ones"
+        )
+    return smallest
+
+
+def _revolve(lines: list[Array], turn: Turn, path: Path) -> Array:
+    """Turn lines (n, 2) about the axis, write the STL file, and return the corners (triangles, 3, xyz) [m]."""
+    with _gmsh() as gmsh:
+        for line in lines:
+            _turn_about_axis(gmsh, line * [turn.scale, 1.0], turn.facets)
+        gmsh.model.mesh.generate(2)
+        gmsh.write(str(path))
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        _, _, nodes = gmsh.model.mesh.getElements(2)
+    place = np.zeros(int(tags.max()) + 1, dtype=int)
+    place[tags] = np.arange(len(tags))
+    return np.asarray(coordinates.reshape(-1, 3)[place[nodes[0].reshape(-1, 3)]])
+
+
+def _turn_about_axis(gmsh: Any, line: Array, facets: int) -> None:
+    """Revolve a line in four quarters, each edge one row of facets."""
+    geo = gmsh.model.geo
+    points = [geo.addPoint(r, 0.0, z) for r, z in line]
+    if np.array_equal(line[0], line[-1]):
+        points[-1] = points[0]
+    curves = [geo.addLine(a, b) for a, b in pairwise(points)]
+    for curve in curves:
+        geo.mesh.setTransfiniteCurve(curve, 2)
+    front = [(1, curve) for curve in curves]
+    for _ in range(4):
+        swept = geo.revolve(front, 0, 0, 0, 0, 0, 1, pi / 2, numElements=[facets // 4])
+        front = [swept[i - 1] for i, (dimension, _) in enumerate(swept) if dimension == 2]
+    geo.synchronize()
+
+
+@contextmanager
+def _gmsh() -> Iterator[Any]:
+    """A gmsh session that prints nothing and handles no signals; its failures become MeshError."""
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("General.NumThreads", 1)  # the same file on every machine
+        yield gmsh
+    except Exception as error:  # gmsh raises nothing more special
+        raise MeshError(f"gmsh could not revolve the outline ({error}): look for walls that nearly touch") from error
+    finally:
+        gmsh.finalize()
