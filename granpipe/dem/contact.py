@@ -65,12 +65,12 @@ def beverloo_flow(diameter: float, particle: float) -> float:
 
     Source: Beverloo, Leniger & van de Velde (1961); constants of Mankoc et al. (arXiv 0707.4550).
     """
-    return 0.58 * math.sqrt(GRAVITY) * max(0.0, diameter - 1.4 * particle) ** 2.5
+    return float(0.58 * math.sqrt(GRAVITY) * max(0.0, diameter - 1.4 * particle) ** 2.5)
 
 
 def slot_flow(length: float, width: float, particle: float) -> float:
     """Free discharge through a long slot as bulk flow [m³/s], 1.03 √g L (w − 1.4 d)^1.5; the slot form of Beverloo."""
-    return 1.03 * math.sqrt(GRAVITY) * length * max(0.0, width - 1.4 * particle) ** 1.5
+    return float(1.03 * math.sqrt(GRAVITY) * length * max(0.0, width - 1.4 * particle) ** 1.5)
 
 
 def two_digits(value: float) -> float:

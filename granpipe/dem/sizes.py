@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granpipe.case import Size
+from granpipe.case import Lognormal, Normal, Size
 from granpipe.field import Array
 
 _QUADRATURE = 400  # midpoints per class; the densities are smooth, so class volumes are right to 1e-5
@@ -63,25 +63,20 @@ class SizeClasses:
 
 def size_classes(size: Size) -> SizeClasses:
     """Cut the distribution of a case into classes."""
-    if size.kind == "mono":
-        assert size.radius is not None
-        return SizeClasses(np.array([size.radius]), np.array([1.0]))
-    if size.kind == "sieve":
-        assert size.edges is not None and size.fractions is not None
-        return _classes(np.array(size.edges), np.array(size.fractions), _flat, size.by)
-    assert size.min is not None and size.max is not None
-    edges = np.linspace(size.min, size.max, size.classes + 1)
-    return _classes(edges, None, _density(size), size.by)
+    radii = size.radii
+    if radii.mono is not None:
+        return SizeClasses(np.array([radii.mono]), np.array([1.0]))
+    if radii.sieve is not None:
+        return _classes(np.array(radii.sieve.edges), np.array(radii.sieve.fractions), _flat, size.by)
+    cut = radii.normal or radii.lognormal
+    assert cut is not None  # the case gives exactly one
+    return _classes(np.linspace(cut.min, cut.max, size.classes + 1), None, _density(cut), size.by)
 
 
-def _density(size: Size) -> Callable[[Array], Array]:
-    if size.kind == "normal":
-        assert size.mean is not None and size.std is not None
-        mean, std = size.mean, size.std
-        return lambda r: np.exp(-0.5 * ((r - mean) / std) ** 2)
-    assert size.median is not None and size.sigma is not None
-    median, sigma = size.median, size.sigma
-    return lambda r: np.exp(-0.5 * (np.log(r / median) / sigma) ** 2) / r
+def _density(cut: Normal | Lognormal) -> Callable[[Array], Array]:
+    if isinstance(cut, Normal):
+        return lambda r: np.exp(-0.5 * ((r - cut.mean) / cut.std) ** 2)
+    return lambda r: np.exp(-0.5 * (np.log(r / cut.median) / cut.sigma) ** 2) / r
 
 
 def _flat(r: Array) -> Array:

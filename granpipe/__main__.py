@@ -1,0 +1,5 @@
+"""``python -m granpipe``."""
+
+from granpipe.cli import main
+
+main()

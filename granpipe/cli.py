@@ -1,0 +1,289 @@
+"""The command line: the only place that prints and exits. Every command imports what it needs when it runs."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from granpipe import __version__
+from granpipe.errors import GranpipeError
+
+if TYPE_CHECKING:
+    from granpipe.case import CaseFile
+    from granpipe.plan import Plan
+
+INTERRUPTED = 130
+QUALITY_FAILED = 4
+
+_CASE = click.argument("case", type=click.Path(path_type=Path))
+_SET = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Override a key of the case.")
+_RESULTS = click.option(
+    "--results", type=click.Path(path_type=Path), default=Path("results"), show_default=True, help="Results folder."
+)
+
+
+class _Group(click.Group):
+    """Turns the failures that granpipe explains into one message and an exit status."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except GranpipeError as error:
+            click.echo(f"granpipe: {error}", err=True)
+            sys.exit(error.exit_status)
+        except KeyboardInterrupt:
+            click.echo("granpipe: interrupted; run again to continue", err=True)
+            sys.exit(INTERRUPTED)
+        except BrokenPipeError:
+            sys.exit(0)
+
+
+@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="granpipe")
+def main() -> None:
+    """Granular flow in axisymmetric vessels, as a velocity field for multiphysics programs.
+
+    Exit status: 0 done, 2 the case is wrong, 3 a program or file failed, 4 done but a quality gate failed,
+    130 interrupted.
+    """
+    signal.signal(signal.SIGTERM, _interrupt)
+
+
+@main.command()
+@_CASE
+@_SET
+@_RESULTS
+def run(case: Path, overrides: tuple[str, ...], results: Path) -> None:
+    """Run CASE: from the outline to field, COMSOL files and pictures."""
+    from granpipe.pipeline import run_case
+
+    file = _read(case, overrides)
+    with _Console() as console:
+        outcome = run_case(file, results, console)
+    if not outcome.made:
+        click.echo(f"nothing to do: {outcome.folder} is up to date")
+    else:
+        click.echo(f"results in {outcome.folder}")
+    for gate in outcome.failed:
+        click.echo(f"quality gate failed: {gate}", err=True)
+    if outcome.failed:
+        sys.exit(QUALITY_FAILED)
+
+
+@main.command()
+@_CASE
+@_SET
+def plan(case: Path, overrides: tuple[str, ...]) -> None:
+    """Show what a run of CASE would do, leave out and cost."""
+    from granpipe.pipeline import plan_case
+
+    click.echo(_plan_text(plan_case(_read(case, overrides))))
+
+
+@main.command()
+@_CASE
+@_SET
+def check(case: Path, overrides: tuple[str, ...]) -> None:
+    """Check CASE without running it."""
+    from granpipe.pipeline import plan_case
+
+    made = plan_case(_read(case, overrides))
+    for warning in (*made.warnings, *made.breaches):
+        click.echo(f"note: {warning}")
+    click.echo(f"{case}: good")
+
+
+@main.command()
+@click.argument("path", type=click.Path(path_type=Path), default=Path("case.yaml"))
+def init(path: Path) -> None:
+    """Write a commented starter case to PATH."""
+    from granpipe.case import starter_case
+
+    try:
+        with path.open("x") as file:
+            file.write(starter_case())
+    except FileExistsError:
+        _fail(f"{path} exists already; give another name")
+    except OSError as error:
+        _fail(f"{path}: cannot be written ({error.strerror})")
+    click.echo(f"wrote {path}; next: granpipe plan {path}")
+
+
+@main.command()
+def schema() -> None:
+    """Print the JSON Schema of a case, for editors."""
+    from granpipe.case import schema_json
+
+    click.echo(schema_json(), nl=False)
+
+
+@main.command()
+def doctor() -> None:
+    """Say what is installed, in which version, and what a missing part would be needed for."""
+    from granpipe.doctor import check as check_all
+
+    findings = check_all()
+    width = max(len(finding.name) for finding in findings)
+    for finding in findings:
+        state = finding.found or f"missing; needed for {finding.needed_for}; {finding.remedy}"
+        click.echo(f"{finding.name:<{width}}  {state}")
+    if any(finding.found is None for finding in findings):
+        sys.exit(3)
+
+
+@main.command()
+@click.argument("dumps", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--cell", required=True, help="Edge of a cell, such as 0.015 or 15mm.")
+@click.option("--time-step", required=True, help="Time step of the run [s], to turn steps into times.")
+@click.option("--columns", help="Column names of binary dumps, comma-separated; default: those of granpipe's decks.")
+@click.option("--start", help="Time at which averaging begins [s].")
+@click.option("--stop", help="Time at which averaging ends [s].")
+@click.option("--case", type=click.Path(path_type=Path), help="Case that gives outline, method and flow rate.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the field.")
+def homogenize(
+    dumps: tuple[Path, ...],
+    cell: str,
+    time_step: str,
+    columns: str | None,
+    start: str | None,
+    stop: str | None,
+    case: Path | None,
+    out: Path,
+) -> None:
+    """Average LIGGGHTS dumps (binary, text or .gz) into a field on r–z.
+
+    Without a case the field is the raw average; with one it is made to conserve on the case's outline.
+    """
+    from granpipe.raw import Request, homogenize_files, write_field
+    from granpipe.units import LENGTH, TIME, in_si
+
+    def seconds(text: str | None, default: float, option: str) -> float:
+        return default if text is None else _quantity(in_si, text, TIME, option)
+
+    outline_case = None if case is None else _read(case, ()).case
+    request = Request(
+        dumps=dumps,
+        cell=_quantity(in_si, cell, LENGTH, "--cell"),
+        time_step=seconds(time_step, 0.0, "--time-step"),
+        start=seconds(start, float("-inf"), "--start"),
+        stop=seconds(stop, float("inf"), "--stop"),
+        **({} if columns is None else {"columns": tuple(columns.split(","))}),
+    )
+    write_field(homogenize_files(request, outline_case), outline_case, out)
+    click.echo(f"field in {out}")
+
+
+def _quantity(read: Any, text: str, dimension: Any, option: str) -> float:
+    from granpipe.units import UnitError
+    from granpipe.yamlfile import plain_value
+
+    try:
+        value = float(read(plain_value(text), dimension))
+    except UnitError as error:
+        raise click.BadParameter(str(error), param_hint=option) from None
+    if option in ("--cell", "--time-step") and value <= 0:
+        raise click.BadParameter(f"{text} must be above 0", param_hint=option)
+    return value
+
+
+def _read(path: Path, overrides: tuple[str, ...]) -> CaseFile:
+    from granpipe.case import read_case
+
+    pairs = [text.partition("=") for text in overrides]
+    for key, sign, _ in pairs:
+        if not sign or not key:
+            _fail(f"--set {key}: write it as --set key=value, such as --set dem.seed=2", status=2)
+    return read_case(path, {key: value for key, _, value in pairs})
+
+
+def _fail(message: str, status: int = 3) -> NoReturn:
+    click.echo(f"granpipe: {message}", err=True)
+    sys.exit(status)
+
+
+def _interrupt(*_: object) -> NoReturn:
+    """SIGTERM ends a run as Ctrl-C does: every child is stopped, everything finished is kept."""
+    raise KeyboardInterrupt
+
+
+class _Console:
+    """Progress on standard error: a bar on a terminal, a line now and then where nobody watches."""
+
+    _EVERY = 30.0  # s
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+        self._console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+        columns = (
+            TextColumn("  {task.description}"),
+            BarColumn(30),
+            TaskProgressColumn(),
+            TextColumn("{task.fields[at]}"),
+        )
+        self._bar = Progress(*columns, console=self._console, transient=True, disable=not self._console.is_terminal)
+        self._task = self._bar.add_task("", total=1.0, at="", visible=False)
+        self._stage, self._next = "", 0.0
+
+    def __enter__(self) -> _Console:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def stage(self, name: str, detail: str = "") -> None:
+        self._stage, self._next = name, time.monotonic() + self._EVERY
+        self._bar.update(self._task, visible=False)
+        self._console.print(f"{name}: {detail}" if detail else name)
+
+    def update(self, fraction: float, text: str) -> None:
+        self._bar.update(self._task, description=self._stage, completed=fraction, at=text, visible=True)
+        if not self._console.is_terminal and time.monotonic() >= self._next:
+            self._next = time.monotonic() + self._EVERY
+            self._console.print(f"  {self._stage} {fraction:4.0%}  {text}")
+
+    def note(self, text: str) -> None:
+        self._console.print(text)
+
+
+def _plan_text(plan: Plan) -> str:
+    lines = [f"{plan.case.name}: model {plan.model}", "", "stages"]
+    lines += [f"  {stage.name:<10} {stage.reason}" for stage in plan.stages]
+    lines += ["", "left out"]
+    lines += [f"  {stage.name:<18} {stage.reason}" for stage in plan.left_out]
+    rows, columns = plan.grid.shape
+    lines += ["", f"grid      {rows} × {columns} cells of {plan.grid.cell:.4g} m"]
+    if plan.settings is not None:
+        lines += _dem_lines(plan)
+    lines += [f"note: {warning}" for warning in plan.warnings]
+    lines += [f"outside the range (a run ends with status 4): {breach}" for breach in plan.breaches]
+    return "\n".join(lines)
+
+
+def _dem_lines(plan: Plan) -> list[str]:
+    dem = plan.dem
+    lines = [f"  {choice.name:<28} {choice.value:<12} {choice.criterion}" for choice in dem.choices]
+    hours = plan.seconds / 3600
+    cost = f"{hours:.3g} h" if hours >= 1 else f"{plan.seconds / 60:.3g} min"
+    return [
+        "",
+        "settings",
+        *lines,
+        "",
+        f"particles {dem.particles} in {len(dem.classes.radius)} size classes",
+        f"steps     {dem.steps} of {dem.time_step:.3g} s: {dem.duration:.4g} s of production in {dem.segments} segments",
+        f"cost      {plan.particle_steps:.3g} particle-steps, about {cost} on {dem.ranks} ranks",
+        f"disk      {plan.disk_bytes / 1e6:.3g} MB at the most",
+        "",
+    ]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,279 @@
+"""LIGGGHTS input decks: the settings of a run written into text that reads like the thing it makes.
+
+Nothing from a case reaches a deck but numbers and mesh names of a strict pattern: LIGGGHTS input has a `shell` command.
+The same case gives the same deck, byte for byte.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Protocol
+
+import granpipe
+from granpipe.case import Case
+from granpipe.dem.contact import GRAVITY
+from granpipe.dem.settings import Settings, slab_height
+from granpipe.errors import CaseError
+
+DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
+
+INSERT_FRACTION = 0.3
+"""Packing that random insertion is asked for: 0.35–0.4 is the most it reaches, and a shortfall distorts the sizes."""
+
+_MESH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+
+
+class Frustum(Protocol):
+    """A slice of the vessel between two heights, its radii linear in z [m]; inner radii are 0 but round an obstacle."""
+
+    @property
+    def z_low(self) -> float: ...
+    @property
+    def z_high(self) -> float: ...
+    @property
+    def outer_low(self) -> float: ...
+    @property
+    def outer_high(self) -> float: ...
+    @property
+    def inner_low(self) -> float: ...
+    @property
+    def inner_high(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class Slab:
+    """An insertion region: arguments of LIGGGHTS `region`, the name of its fix and the seed of its insertion."""
+
+    name: str
+    outer: str
+    inner: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class ParticleClass:
+    """One particle template: radius [m], share of the number, seed."""
+
+    name: str
+    radius: float
+    share: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class Deck:
+    """All values that the templates of a filling and a production deck use; SI units."""
+
+    contact_model: str
+    types: int
+    density: float
+    youngs_modulus: float
+    poisson: float
+    restitution: tuple[float, ...]
+    friction: tuple[float, ...]
+    rolling_model: bool
+    rolling_friction: tuple[float, ...]
+    characteristic_velocity: float | None
+    gravity: float
+    time_step: float
+    skin: float
+    box: tuple[float, ...]
+    volume_limit: float
+    classes: tuple[ParticleClass, ...]
+    sizes_seed: int
+    meshes: tuple[str, ...]
+    fill_meshes: tuple[str, ...]
+    feed: Slab
+    feed_seed: int
+    slabs: tuple[Slab, ...]
+    insert_every: int
+    insert_fraction: float
+    attempts: int
+    thermo_every: int
+    chunk_steps: int
+    fill_chunks: int
+    full_gain: float
+    settle_chunks: int
+    rest_energy: float
+    plate_speed: float
+    dump_every: int
+    segment_steps: int
+
+
+def make_deck(
+    case: Case, settings: Settings, frusta: Iterable[Frustum], obstacles: Iterable[str], wall_radius: float
+) -> Deck:
+    """Put a run together.
+
+    Parameters
+    ----------
+    frusta : insertion slices from the plate to the top of the feed region
+    obstacles : names of the obstacle meshes
+    wall_radius : largest radius of the wall mesh, corners of its polygon included [m]
+    """
+    seeds = _seeds(case.dem.seed)
+    classes, wall = settings.classes, case.contact.wall
+    pieces = [piece for frustum in frusta for piece in _split(frustum, slab_height(classes), settings.feed_bottom)]
+    feed = [piece for piece in pieces if piece.z_low >= settings.feed_bottom - 1e-9]
+    bed = [piece for piece in pieces if piece.z_low < settings.feed_bottom - 1e-9]
+    if not feed or not bed:
+        raise CaseError(
+            f"particles of up to {2 * classes.largest:.4g} m find no room for insertion between the walls; "
+            "use smaller particles or a wider vessel",
+            key=("material", "size"),
+        )
+    fall = math.sqrt(2 * slab_height(classes) / GRAVITY)
+    insert_every = max(1, round(0.25 * fall / settings.time_step))
+    own_wall = (wall.friction, wall.rolling_friction, wall.restitution) != (
+        case.contact.friction,
+        case.contact.rolling_friction,
+        case.contact.restitution,
+    )
+    rolling = case.contact.rolling_model != "none" and max(case.contact.rolling_friction, wall.rolling_friction) > 0
+    vessel = ("vessel", *map(_mesh_name, obstacles))
+    margin = 2 * classes.largest
+    return Deck(
+        contact_model=_contact_model(case, rolling),
+        types=2 if own_wall else 1,
+        density=case.material.density,
+        youngs_modulus=settings.youngs_modulus,
+        poisson=case.contact.poisson,
+        restitution=_pairs(case.contact.restitution, wall.restitution, own_wall),
+        friction=_pairs(case.contact.friction, wall.friction, own_wall),
+        rolling_model=rolling,
+        rolling_friction=_pairs(case.contact.rolling_friction, wall.rolling_friction, own_wall),
+        characteristic_velocity=case.contact.characteristic_velocity if case.contact.model == "hooke" else None,
+        gravity=GRAVITY,
+        time_step=settings.time_step,
+        skin=settings.skin,
+        box=(
+            *(-wall_radius - margin, wall_radius + margin) * 2,
+            settings.bottom - margin,
+            settings.wall_top + margin,
+        ),
+        volume_limit=1e-3 * classes.mean_volume * (classes.smallest / classes.largest) ** 3,
+        classes=tuple(
+            ParticleClass(f"class{i + 1}", float(radius), float(share), next(seeds))
+            for i, (radius, share) in enumerate(zip(classes.radius, classes.number_share, strict=True))
+        ),
+        sizes_seed=next(seeds),
+        meshes=vessel if settings.open_outlet else (*vessel, "plate"),
+        fill_meshes=(*vessel, "plate"),
+        feed=_slab("feed", feed[0], 0),
+        feed_seed=next(seeds),
+        slabs=tuple(_slab(f"fill{i + 1}", piece, next(seeds)) for i, piece in enumerate(bed)),
+        insert_every=insert_every,
+        insert_fraction=INSERT_FRACTION,
+        attempts=200,
+        thermo_every=insert_every,
+        chunk_steps=2 * insert_every,
+        fill_chunks=400,
+        full_gain=2e-3,
+        settle_chunks=100,
+        rest_energy=0.5 * (0.005 * math.sqrt(GRAVITY * classes.sauter_diameter)) ** 2,
+        plate_speed=settings.plate_speed,
+        dump_every=settings.dump_every,
+        segment_steps=settings.segment_steps,
+    )
+
+
+def render(deck: Deck, template: str) -> str:
+    """Text of ``fill.in`` or ``produce.in``."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("granpipe"), undefined=jinja2.StrictUndefined, autoescape=False, trim_blocks=False
+    )
+    environment.filters |= {"num": _number, "nums": lambda values: " ".join(map(_number, values))}
+    text = environment.get_template(f"{template}.j2").render(deck=deck, version=granpipe.__version__)
+    return re.sub(r"\n{3,}", "\n\n", text) + "\n"
+
+
+def _number(value: float) -> str:
+    return f"{value:.10g}"
+
+
+def _contact_model(case: Case, rolling: bool) -> str:
+    parts = ["model", case.contact.model, "tangential"]
+    parts.append("history" if max(case.contact.friction, case.contact.wall.friction) > 0 else "off")
+    if rolling:
+        parts += ["rolling_friction", case.contact.rolling_model]
+    return " ".join(parts)
+
+
+def _pairs(particle: float, wall: float, own_wall: bool) -> tuple[float, ...]:
+    """Matrix of a pair property; walls never touch walls, so that entry only has to be legal."""
+    return (particle, wall, wall, wall) if own_wall else (particle,)
+
+
+def _mesh_name(name: str) -> str:
+    if not _MESH_NAME.fullmatch(name):
+        raise CaseError(f"{name!r} cannot name a mesh; use letters, digits and _", key=("outline", "obstacles"))
+    return name
+
+
+@dataclass(frozen=True)
+class _Piece:
+    z_low: float
+    z_high: float
+    outer_low: float
+    outer_high: float
+    inner_low: float
+    inner_high: float
+
+
+def _split(frustum: Frustum, height: float, level: float) -> Iterator[_Piece]:
+    """Cut a frustum into slabs no higher than `height`, and where the feed region begins."""
+    cuts = {frustum.z_low, frustum.z_high}
+    if frustum.z_low < level < frustum.z_high:
+        cuts.add(level)
+    edges = sorted(cuts)
+    for lo, hi in pairwise(edges):
+        n = max(1, math.ceil((hi - lo) / height - 1e-9))
+        for i in range(n):
+            a, b = lo + (hi - lo) * i / n, lo + (hi - lo) * (i + 1) / n
+            yield _Piece(a, b, *_radii(frustum, a, b))
+
+
+def _radii(frustum: Frustum, *heights: float) -> tuple[float, float, float, float]:
+    span = frustum.z_high - frustum.z_low
+    shares = [(z - frustum.z_low) / span for z in heights]
+    outer = [frustum.outer_low + (frustum.outer_high - frustum.outer_low) * s for s in shares]
+    inner = [frustum.inner_low + (frustum.inner_high - frustum.inner_low) * s for s in shares]
+    return outer[0], outer[1], inner[0], inner[1]
+
+
+def _slab(name: str, piece: _Piece, seed: int) -> Slab:
+    outer = _region(piece.outer_low, piece.outer_high, piece)
+    inner = _region(piece.inner_low, piece.inner_high, piece) if max(piece.inner_low, piece.inner_high) > 0 else ""
+    return Slab(name, outer, inner, seed)
+
+
+def _region(lo: float, hi: float, piece: _Piece) -> str:
+    heights = f"{_number(piece.z_low)} {_number(piece.z_high)}"
+    if math.isclose(lo, hi):
+        return f"cylinder z 0.0 0.0 {_number(lo)} {heights}"
+    return f"cone z 0.0 0.0 {_number(lo)} {_number(hi)} {heights}"
+
+
+def _seeds(seed: int) -> Iterator[int]:
+    """Different primes above 10000, as LIGGGHTS demands, all derived from one seed."""
+    used: set[int] = set()
+    for counter in range(10_000):
+        digest = hashlib.sha256(f"granpipe {seed} {counter}".encode()).digest()
+        candidate = _next_prime(10_007 + int.from_bytes(digest[:4], "little") % 20_000_000)
+        if candidate not in used:
+            used.add(candidate)
+            yield candidate
+
+
+def _next_prime(n: int) -> int:
+    n |= 1
+    while any(n % d == 0 for d in range(3, math.isqrt(n) + 1, 2)):
+        n += 2
+    return n

@@ -1,0 +1,247 @@
+"""The numerical settings of a DEM run: taken from the case where it gives them, chosen by a stated rule otherwise.
+
+Pure: numbers in, numbers out. The planner shows each choice with its criterion.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from typing import Protocol
+
+from granpipe.case import Case
+from granpipe.dem import contact
+from granpipe.dem.sizes import SizeClasses, size_classes
+from granpipe.errors import CaseError, KeyPath
+
+PACKING = 0.58
+"""Random packing of a slowly moving bed of spheres; measured 0.57–0.59 above a sinking plate."""
+
+SNAPSHOT_TRAVEL = 0.1
+"""Plate travel between snapshots, in Sauter diameters: a throat moves several times faster than the plate."""
+
+SEGMENT_TRAVEL = 0.5
+"""Plate travel of one segment, in Sauter diameters: velocities decorrelate in 0.5–0.65 d, so it is one sample."""
+
+BEVERLOO_SHARE = 0.1
+"""Flow through every opening over its free discharge, at most: beyond it inertia shows in the field."""
+
+RATE = 2.0e6
+"""Particle-steps per second of one rank, measured with hertz/epsd2 on an idle core of a shared two-core machine."""
+
+BYTES_PER_PARTICLE = 72  # nine doubles a row in a snapshot
+
+
+class Opening(Protocol):
+    """A narrowing of the vessel [m]. `gap` is what a sphere sees; with `required` nothing passes beside it."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def r_inner(self) -> float: ...
+    @property
+    def r_outer(self) -> float: ...
+    @property
+    def gap(self) -> float: ...
+    @property
+    def required(self) -> bool: ...
+    @property
+    def key(self) -> KeyPath: ...
+
+
+def free_flow(opening: Opening, particle: float) -> float:
+    """Free discharge through an opening as bulk flow [m³/s], of particles of this diameter [m]."""
+    if opening.r_inner == 0:
+        return contact.beverloo_flow(opening.gap, particle)
+    return contact.slot_flow(math.pi * (opening.r_inner + opening.r_outer), opening.gap, particle)
+
+
+@dataclass(frozen=True)
+class Vessel:
+    """What the settings need to know of the geometry; lengths in m, z up."""
+
+    top: float
+    outlet: float
+    inlet_radius: float
+    outlet_radius: float
+    largest_radius: float
+    volume: float
+    openings: tuple[Opening, ...]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One setting with the rule behind it.
+
+    `breach` says what is wrong when a value of the case lies outside the stable or accurate range (such a run ends with
+    status 4), `warning` what to keep in mind.
+    """
+
+    name: str
+    value: str
+    criterion: str
+    breach: str = ""
+    warning: str = ""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything numerical that the decks need; SI units."""
+
+    classes: SizeClasses
+    youngs_modulus: float
+    rayleigh_time: float
+    time_step: float
+    plate_speed: float
+    open_outlet: bool
+    feed_bottom: float
+    feed_top: float
+    wall_top: float
+    plate_z: float
+    bottom: float
+    skin: float
+    dump_every: int
+    segment_steps: int
+    segments: int
+    ranks: int
+    particles: int
+    choices: tuple[Choice, ...]
+
+    @property
+    def steps(self) -> int:
+        """Steps of production."""
+        return self.segment_steps * self.segments
+
+    @property
+    def duration(self) -> float:
+        """Simulated time of production [s]."""
+        return self.steps * self.time_step
+
+
+def choose(case: Case, vessel: Vessel) -> Settings:
+    """Settle every number of the DEM run; CaseError where the case asks for the impossible."""
+    classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
+    gap_choices = [_check_gap(opening, classes) for opening in vessel.openings]
+    reservoir = _reservoir_height(case, vessel, classes)
+    depth = vessel.top - vessel.outlet + reservoir
+    youngs, youngs_choice = _youngs_modulus(case, vessel, depth)
+    step, rayleigh, step_choice = _time_step(case, classes, youngs)
+    speed, speed_choice = _flow_speed(case, vessel, classes)
+    open_outlet = case.dem.outlet == "open"
+    clearance = 0.0 if open_outlet else max(5 * classes.d90, vessel.outlet_radius)
+    travel = 0.0 if open_outlet else speed * case.dem.max_time
+    dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))
+    dumps_per_segment = max(1, round(SEGMENT_TRAVEL / SNAPSHOT_TRAVEL))
+    segments = max(1, round(case.dem.max_time / (step * dump_every * dumps_per_segment)))
+    level = vessel.top + reservoir
+    volume = vessel.volume + math.pi * (
+        vessel.inlet_radius**2 * reservoir + vessel.outlet_radius**2 * (clearance + 0.5 * travel)
+    )
+    particles = round(PACKING * volume / classes.mean_volume)
+    plate_z = vessel.outlet - clearance
+    feed = min(reservoir, 8 * classes.largest)
+    return Settings(
+        classes=classes,
+        youngs_modulus=youngs,
+        rayleigh_time=rayleigh,
+        time_step=step,
+        plate_speed=0.0 if open_outlet else speed,
+        open_outlet=open_outlet,
+        feed_bottom=level - feed / 2,  # it holds half its height of bed when it is content
+        feed_top=level + feed / 2,
+        wall_top=level + feed / 2 + 2 * classes.largest,
+        plate_z=plate_z,
+        bottom=plate_z - travel - (6 if open_outlet else 4) * classes.largest,
+        skin=contact.two_digits(0.3 * float(classes.radius @ classes.number_share)),
+        dump_every=dump_every,
+        segment_steps=dump_every * dumps_per_segment,
+        segments=segments,
+        ranks=_ranks(case, particles),
+        particles=particles,
+        choices=(*gap_choices, _size_ratio(classes), youngs_choice, step_choice, speed_choice),
+    )
+
+
+def slab_height(classes: SizeClasses) -> float:
+    """Greatest height [m] of one insertion slab: low enough to fill evenly, high enough to hold many particles."""
+    return 12 * classes.largest
+
+
+def _check_gap(opening: Opening, classes: SizeClasses) -> Choice:
+    ratio = opening.gap / classes.d90
+    if ratio < 5 and opening.required:
+        raise CaseError(
+            f"the {opening.name} is {opening.gap:.4g} m wide, only {ratio:.2g} times the particles' d90 of "
+            f"{classes.d90:.4g} m; it must be at least 5 times: use smaller particles, a smaller "
+            f"dem.coarse_grain_factor or a wider opening",
+            key=opening.key,
+        )
+    warning = "" if ratio >= 10 else f"{ratio:.2g} < 10 at the {opening.name}: expect wall layers and arching to show"
+    return Choice(f"gap/d90 at the {opening.name}", f"{ratio:.3g}", "at least 5, better 10", warning=warning)
+
+
+def _size_ratio(classes: SizeClasses) -> Choice:
+    ratio = classes.largest / classes.smallest
+    warning = "" if ratio <= 3 else f"{ratio:.2g} > 3: static friction is less exact (arXiv 2410.14798)"
+    return Choice("size ratio", f"{ratio:.3g}", "at most 3", warning=warning)
+
+
+def _reservoir_height(case: Case, vessel: Vessel, classes: SizeClasses) -> float:
+    if case.dem.reservoir_height != "auto":
+        return float(case.dem.reservoir_height)
+    return max(vessel.inlet_radius, 5 * classes.d90)
+
+
+def _youngs_modulus(case: Case, vessel: Vessel, depth: float) -> tuple[float, Choice]:
+    material, parts = case.material, case.contact
+    stress = contact.janssen_stress(material.density * PACKING, 2 * vessel.largest_radius, parts.wall.friction, depth)
+    least = contact.STIFFNESS_RATIO * stress
+    given = parts.youngs_modulus
+    youngs = contact.softened_modulus(stress, parts.poisson) if given == "auto" else float(given)
+    ratio = contact.effective_modulus(youngs, parts.poisson) / stress
+    criterion = f"E*/P at least {contact.STIFFNESS_RATIO:g} (E* {least:.2g} Pa) under Janssen's {stress:.3g} Pa"
+    breach = "" if ratio >= 0.9 * contact.STIFFNESS_RATIO else f"E*/P is {ratio:.3g}: the bed overlaps too much"
+    return youngs, Choice("youngs_modulus", f"{youngs:.3g} Pa", criterion, breach)
+
+
+def _time_step(case: Case, classes: SizeClasses, youngs: float) -> tuple[float, float, Choice]:
+    rayleigh = contact.rayleigh_time(classes.smallest, case.material.density, youngs, case.contact.poisson)
+    given = case.dem.time_step
+    step = contact.two_digits(contact.STEP_FRACTION * rayleigh) if given == "auto" else float(given)
+    share = step / rayleigh
+    criterion = f"{contact.STEP_FRACTION:g} of the smallest particle's Rayleigh time of {rayleigh:.3g} s"
+    breach = (
+        "" if share <= 1.05 * contact.STEP_FRACTION else f"{share:.2g} of the Rayleigh time: may never come to rest"
+    )
+    return step, rayleigh, Choice("time_step", f"{step:.3g} s", criterion, breach)
+
+
+def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses) -> tuple[float, Choice]:
+    """Plate speed [m/s]; with an open outlet the mean speed of the free discharge through the narrowest opening."""
+    area = math.pi * vessel.outlet_radius**2
+    narrowest = min(
+        (opening for opening in vessel.openings if opening.required),
+        key=lambda opening: free_flow(opening, classes.sauter_diameter),
+    )
+    free, name = free_flow(narrowest, classes.sauter_diameter), narrowest.name
+    if case.dem.outlet == "open":
+        return free / area, Choice("flow", f"{free:.3g} m³/s", f"free discharge at the {name} after Beverloo")
+    given = case.dem.plate_speed
+    speed = contact.two_digits(BEVERLOO_SHARE * free / area) if given == "auto" else float(given)
+    share = speed * area / free
+    criterion = f"at most {BEVERLOO_SHARE:.0%} of the free discharge (Beverloo) at the {name}"
+    breach = "" if share <= 1.05 * BEVERLOO_SHARE else f"{share:.0%} of the free discharge at the {name}: inertia shows"
+    return speed, Choice("plate_speed", f"{speed:.3g} m/s", criterion, breach)
+
+
+def _ranks(case: Case, particles: int) -> int:
+    """Ranks, never more than cores; below some thousand particles a rank they cost more than they give."""
+    cores = len(os.sched_getaffinity(0))
+    if case.dem.ranks != "auto":
+        wanted = int(case.dem.ranks)
+        if wanted > cores:
+            raise CaseError(f"{wanted} ranks, but this machine has {cores} cores", key=("dem", "ranks"))
+        return wanted
+    useful = max(1, particles // 3000)
+    return next(n for n in (64, 32, 16, 8, 4, 2, 1) if n <= min(cores, useful))

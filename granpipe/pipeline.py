@@ -1,0 +1,71 @@
+"""The whole run: case → plan → stages → results."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from granpipe.case import CaseFile
+from granpipe.errors import CaseError
+from granpipe.plan import Plan, make_plan
+from granpipe.progress import Progress
+from granpipe.quality import Gate
+from granpipe.results import Made, is_current, results_key, write_results
+from granpipe.store import Store
+from granpipe.tools import library_versions, program_versions
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run ended with: the results folder and the gates that failed; `made` is False where nothing was to do."""
+
+    folder: Path
+    failed: tuple[Gate, ...] = ()
+    made: bool = True
+
+
+def plan_case(file: CaseFile) -> Plan:
+    """The plan of a case; a CaseError says where in the file."""
+    try:
+        return make_plan(file.case)
+    except CaseError as error:
+        raise file.places.explain(error) from None
+
+
+def run_case(file: CaseFile, results: Path, progress: Progress) -> Outcome:
+    """Run a case into ``results/<name>``; stages that are done are not repeated."""
+    begun = time.monotonic()
+    folder, store = results / file.case.name, Store(results / ".store")
+    plan = plan_case(file)
+    tools = library_versions()
+    if plan.model == "dem":
+        tools |= program_versions(store.root / "programs.json")
+    key = results_key(file.case, tools)
+    if (failed := is_current(folder, key)) is not None:
+        return Outcome(folder, failed, made=False)
+    for warning in plan.warnings:
+        progress.note(f"note: {warning}")
+    try:
+        made = _dem(plan, store, tools, progress) if plan.model == "dem" else _fluid(plan, progress)
+    except CaseError as error:
+        raise file.places.explain(error) from None
+    progress.stage("results")
+    failed = write_results(folder, plan, made, key, tools, begun)
+    return Outcome(folder, failed)
+
+
+def _dem(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
+    from granpipe.dem_field import dem_field
+    from granpipe.simulate import simulate
+
+    production = simulate(plan, store, tools, progress)
+    progress.stage("field")
+    return dem_field(plan, production)
+
+
+def _fluid(plan: Plan, progress: Progress) -> Made:
+    from granpipe.fluid_field import fluid_field
+
+    progress.stage("fluid")
+    return fluid_field(plan)

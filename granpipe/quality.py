@@ -1,0 +1,69 @@
+"""Quality gates: measured figures with limits. A run that fails one keeps its results, marked, and ends with 4."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from granpipe.field import Array
+
+LEVEL_FLOW_LIMIT = 0.05
+"""Raw flow through any level against the plug's: beyond it the average is too short or not steady."""
+
+SIZE_SHARE_LIMIT = 0.02
+"""Inserted mass share of any size class against the one asked for."""
+
+PACKING_RANGE = (0.5, 0.68)
+"""Packing of a plug of spheres: looser is not at rest, denser overlaps."""
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One measured figure, its limit in words, and whether it holds."""
+
+    name: str
+    value: float
+    limit: str
+    passed: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """For ``provenance.json``."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.value:.3g}, must be {self.limit}"
+
+
+def level_flow_gate(raw_flow: Array, solids_flow: float) -> Gate:
+    """Flow through every level (n,) before any adjustment against the flow in the plug [m³/s]."""
+    worst = float(np.abs(raw_flow / solids_flow - 1).max())
+    return Gate(
+        "raw flow through the worst level, relative to the plug's",
+        worst,
+        f"at most {LEVEL_FLOW_LIMIT:.0%} (average longer: dem.max_time)",
+        worst <= LEVEL_FLOW_LIMIT,
+    )
+
+
+def size_gate(share: list[float], wanted: list[float]) -> Gate:
+    """Mass share of each size class in the bed against the distribution of the case."""
+    worst = float(np.abs(np.array(share) - np.array(wanted)).max())
+    return Gate(
+        "mass share of the worst size class, deviation",
+        worst,
+        f"at most {SIZE_SHARE_LIMIT:g}",
+        worst <= SIZE_SHARE_LIMIT,
+    )
+
+
+def packing_gate(packing: float) -> Gate:
+    """Packing in the plug."""
+    low, high = PACKING_RANGE
+    return Gate("packing in the plug", packing, f"{low:g} to {high:g}", low <= packing <= high)
+
+
+def breach_gate(breach: str) -> Gate:
+    """A value of the case outside the stable or accurate range."""
+    return Gate(f"setting of the case: {breach}", 1.0, "inside the range", False)

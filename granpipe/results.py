@@ -1,0 +1,171 @@
+"""The results folder of a case: everything a user takes away, built aside and renamed into place."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+import time
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from granpipe import __version__
+from granpipe.case import Case
+from granpipe.errors import RunError
+from granpipe.field import Field
+from granpipe.plan import Plan
+from granpipe.quality import Gate
+from granpipe.store import key_of, publishing
+
+if TYPE_CHECKING:
+    from granpipe.fluid.stokes import FluidSolution
+    from granpipe.simulate import Production
+
+_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Made:
+    """What the stages hand over: the field, its gates, measured figures, and the model's own data."""
+
+    field: Field
+    gates: tuple[Gate, ...]
+    figures: dict[str, Any] = dataclasses.field(default_factory=dict)
+    production: Production | None = None
+    solution: FluidSolution | None = None
+
+
+def results_key(case: Case, tools: dict[str, str]) -> str:
+    """Key of all that the results depend on: the case but for what only changes how it is run, and the versions."""
+    part = case.model_dump(mode="json", exclude={"dem": {"ranks", "keep_snapshots"}})
+    return key_of("results", _VERSION, {"case": part, "granpipe": __version__, "tools": tools})
+
+
+def is_current(folder: Path, key: str) -> tuple[Gate, ...] | None:
+    """The failed gates of results that are there already and belong to this key; None if they are to be made."""
+    try:
+        provenance = json.loads((folder / "provenance.json").read_text())
+        whole = all((folder / name).exists() for name in provenance["files"])
+        gates = [Gate(**gate) for gate in provenance["quality"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return tuple(gate for gate in gates if not gate.passed) if whole and provenance["key"] == key else None
+
+
+def write_results(
+    folder: Path, plan: Plan, made: Made, key: str, tools: dict[str, str], begun: float
+) -> tuple[Gate, ...]:
+    """Write everything; return the gates that failed."""
+    if folder.exists() and not (folder / "provenance.json").exists():
+        raise RunError(f"{folder} exists and is not granpipe's; move it away or choose another --results")
+    with publishing(folder) as aside:
+        (aside / "case.yaml").write_text(plan.case.to_yaml())
+        _write_json(aside / "plan.json", plan_summary(plan))
+        made.field.save(aside / "field.npz")
+        _export(aside, plan, made)
+        _figures(aside, plan, made)
+        _logs(aside, made)
+        provenance = {
+            "key": key,
+            "case": plan.case.name,
+            "made": datetime.now().astimezone().isoformat(timespec="seconds"),
+            "granpipe": __version__,
+            "versions": tools,
+            "seed": plan.case.dem.seed if plan.model == "dem" else None,
+            "wall_seconds": round(time.monotonic() - begun, 2),
+            "figures": made.figures,
+            "quality": [gate.as_dict() for gate in made.gates],
+            "files": sorted(str(path.relative_to(aside)) for path in aside.rglob("*") if path.is_file()),
+        }
+        _write_json(aside / "provenance.json", provenance)
+    return tuple(gate for gate in made.gates if not gate.passed)
+
+
+def plan_summary(plan: Plan) -> dict[str, Any]:
+    """The plan as plain data."""
+    summary: dict[str, Any] = {
+        "model": plan.model,
+        "stages": [{"stage": stage.name, "reason": stage.reason} for stage in plan.stages],
+        "left_out": [{"what": stage.name, "reason": stage.reason} for stage in plan.left_out],
+        "grid": {"cells": plan.grid.shape, "cell_m": plan.grid.cell},
+        "warnings": plan.warnings,
+        "outside_the_range": plan.breaches,
+    }
+    if plan.settings is not None:
+        dem = plan.settings
+        summary["dem"] = {
+            "choices": [{"name": c.name, "value": c.value, "criterion": c.criterion} for c in dem.choices],
+            "radii_m": dem.classes.radius.tolist(),
+            "number_shares": dem.classes.number_share.tolist(),
+            "time_step_s": dem.time_step,
+            "youngs_modulus_pa": dem.youngs_modulus,
+            "plate_speed_m_per_s": dem.plate_speed,
+            "production_s": dem.duration,
+            "steps": dem.steps,
+            "segments": dem.segments,
+            "particles": dem.particles,
+            "ranks": dem.ranks,
+            "particle_steps": plan.particle_steps,
+            "seconds": plan.seconds,
+            "disk_bytes": plan.disk_bytes,
+        }
+    return summary
+
+
+def write_comsol_folder(field: Field, case: Case, folder: Path) -> None:
+    """Write ``comsol/`` below a folder."""
+    from granpipe.export.comsol import write_comsol
+
+    (folder / "comsol").mkdir()
+    write_comsol(
+        field,
+        folder / "comsol",
+        name=case.name,
+        solids_density=case.material.density,
+        date=datetime.now().astimezone(),
+    )
+
+
+def _export(folder: Path, plan: Plan, made: Made) -> None:
+    if "comsol" in plan.case.export:
+        write_comsol_folder(made.field, plan.case, folder)
+    if "vtk" in plan.case.export:
+        from granpipe.export.vtk import write_vtu
+
+        write_vtu(made.field, folder / "field.vtu")
+
+
+def _figures(folder: Path, plan: Plan, made: Made) -> None:
+    outline = plan.outline
+    if plan.case.figures:
+        (folder / "figures").mkdir()
+    if "rz" in plan.case.figures:
+        from granpipe.export.pictures import rz_figures
+
+        rz_figures(made.field, outline.wall, dict(outline.obstacles), folder / "figures")
+    if "vessel" in plan.case.figures and made.production is not None:
+        from granpipe.export.pictures import vessel_figure
+
+        particles = made.production.last_snapshot()
+        vessel_figure(
+            sorted(made.production.walls.glob("*.stl")),
+            particles.position,
+            particles.radius,
+            particles.velocity,
+            folder / "figures" / "vessel.png",
+        )
+
+
+def _logs(folder: Path, made: Made) -> None:
+    if made.production is None:
+        return
+    (folder / "logs").mkdir()
+    shutil.copyfile(made.production.settled / "output.txt", folder / "logs" / "settle.txt")
+    for log in sorted((made.production.folder / "logs").glob("*.txt")):
+        shutil.copyfile(log, folder / "logs" / log.name)
+
+
+def _write_json(path: Path, data: dict[str, Any]) -> None:
+    path.write_text(json.dumps(data, indent=2, ensure_ascii=False) + "\n")

@@ -1,0 +1,41 @@
+"""Versions of the programs that results depend on; part of every key."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shutil
+from importlib.metadata import version
+from pathlib import Path
+
+from granpipe.dem.run import liggghts_version
+
+
+def library_versions() -> dict[str, str]:
+    """Python and the libraries that shape numbers."""
+    names = ("numpy", "scipy", "gmsh", "scikit-fem", "pymetis")
+    return {"python": platform.python_version()} | {name: version(name) for name in names}
+
+
+def program_versions(cache: Path) -> dict[str, str]:
+    """gmsh and LIGGGHTS; asking LIGGGHTS takes half a second, so the answer is kept beside the store.
+
+    The answer holds for one binary: its path, size and time of change.
+    """
+    binary = shutil.which("liggghts")
+    state = Path(binary).stat() if binary else None
+    identity = f"{binary} {state.st_size} {state.st_mtime_ns}" if state else ""
+    known = _read(cache)
+    if not identity or identity not in known:
+        known = {identity: liggghts_version()}
+        cache.parent.mkdir(parents=True, exist_ok=True)
+        cache.write_text(json.dumps(known))
+    return {"gmsh": version("gmsh"), "liggghts": known[identity]}
+
+
+def _read(cache: Path) -> dict[str, str]:
+    try:
+        known: dict[str, str] = json.loads(cache.read_text())
+    except (OSError, ValueError):
+        return {}
+    return known
