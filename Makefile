@@ -1,0 +1,47 @@
+# Every target prepares what it needs: on a Debian machine `make run` or `make test` is the only thing to type.
+# PYTHON: the interpreter that .venv is made with. CASE: what `make run` runs.
+PYTHON ?= python3
+CASE ?= cases/reactor.yaml
+
+VENV := .venv
+
+.DEFAULT_GOAL := help
+.PHONY: help setup run test verify benchmarks docs lock clean
+
+help:
+	@echo 'make setup       Debian packages that are missing, and the virtual environment .venv'
+	@echo 'make run         setup, then granpipe run $$(CASE) [$(CASE)]'
+	@echo 'make test        setup, then ruff, mypy and every test that is not slow'
+	@echo 'make verify      setup, then the slow tests'
+	@echo 'make benchmarks  setup, then benchmarks/run.py'
+	@echo 'make docs        makes docs/case.md anew, from the schema'
+	@echo 'make lock        makes requirements.lock anew, from the newest versions'
+	@echo 'make clean       removes caches and builds; keeps .venv and results'
+
+setup:
+	@PYTHON='$(PYTHON)' .ci/setup
+
+run: setup
+	$(VENV)/bin/granpipe run $(CASE)
+
+test: setup
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/mypy
+	$(VENV)/bin/python -m pytest -m 'not slow'
+
+verify: setup
+	$(VENV)/bin/python -m pytest -m slow
+
+benchmarks: setup
+	$(VENV)/bin/python benchmarks/run.py
+
+docs: setup
+	$(VENV)/bin/python -c 'from granpipe.casedoc import reference; print(reference(), end="")' >docs/case.md
+
+lock:
+	@PYTHON='$(PYTHON)' .ci/lock
+
+clean:
+	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find granpipe tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,176 @@
+"""The house rules of the source tree, checked on its syntax: who imports whom, who prints, what the files may hold."""
+
+import ast
+import graphlib
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "granpipe"
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+
+ROOMS = {"geometry", "dem", "homogenize", "fluid", "export", "study"}
+COMMON = {"field", "rzmesh", "case", "errors", "progress"}
+"""The modules of granpipe that a room may import besides its own: what rooms hand to each other, and the case."""
+
+LATE = {"gmsh", "pyvista", "vtk", "vtkmodules", "matplotlib", "meshio", "pint", "skfem", "pymetis", "numba"}
+"""Libraries that are imported where they are used: a scene that does without does not load them."""
+
+SLOW = LATE | {"numpy", "scipy", "pydantic", "jinja2", "yaml", "rich"}
+"""Libraries that `granpipe --help` has no time for."""
+
+TREE = ["granpipe", "cases", "tests", "docs", "benchmarks", ".ci"]
+
+
+def name(source: Path) -> str:
+    return str(source.relative_to(ROOT))
+
+
+def imports(nodes: Iterator[ast.AST], source: Path) -> Iterator[str]:
+    """Full names of what the import statements among `nodes` import, relative ones resolved."""
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            parents = source.relative_to(ROOT).with_suffix("").parts[: -node.level] if node.level else ()
+            module = ".".join([*parents, *([node.module] if node.module else [])])
+            yield from (f"{module}.{alias.name}" for alias in node.names)
+
+
+def running(tree: ast.AST, skip: tuple[type, ...] = ()) -> Iterator[ast.AST]:
+    """The nodes below `tree` that are not for the type checker alone; `skip` leaves out what is inside such nodes."""
+    for node in ast.iter_child_nodes(tree):
+        if not isinstance(node, skip) and not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+            yield node
+            yield from running(node, skip)
+
+
+def own_modules(nodes: Iterator[ast.AST], source: Path) -> set[str]:
+    """Modules of granpipe that are imported among `nodes`, as `field` or `dem.run`."""
+    known = {module(one) for one in (ROOT / "granpipe").rglob("*.py")}
+    found = set()
+    for full in imports(nodes, source):
+        inside = full.split(".")[1:] if full.startswith("granpipe.") else []
+        parts = [".".join(inside[:length]) for length in range(len(inside), 0, -1)]
+        found.update([next((part for part in parts if part in known), parts[-1])] if parts else [])
+    return found - {"__version__"}
+
+
+def module(source: Path) -> str:
+    return ".".join(source.relative_to(ROOT / "granpipe").with_suffix("").parts).removesuffix(".__init__")
+
+
+def foreign(source: Path) -> set[str]:
+    """What a room's file imports of granpipe that is neither its own room's nor common."""
+    room = module(source).split(".")[0]
+    modules = own_modules(ast.walk(ast.parse(source.read_text())), source)
+    return {one for one in modules if one.split(".")[0] not in {room, *COMMON}}
+
+
+def prints_or_exits(source: Path) -> set[str]:
+    tree = ast.parse(source.read_text())
+    names = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Name | ast.Attribute)}
+    return names & {
+        "print",
+        "input",
+        "exit",
+        "quit",
+        "SystemExit",
+        "sys.exit",
+        "sys.stdout",
+        "sys.stderr",
+        "click.echo",
+    }
+
+
+def text_files() -> Iterator[Path]:
+    inside = (file for folder in TREE for file in (ROOT / folder).rglob("*"))
+    for file in [*ROOT.glob("*.*"), *ROOT.glob("*file"), *inside]:
+        if file.is_file() and "__pycache__" not in file.parts and file.stat().st_size < 1e6:
+            yield file
+
+
+@pytest.mark.parametrize("source", [one for one in SOURCES if module(one).split(".")[0] in ROOMS], ids=name)
+def test_rooms_import_only_themselves_and_what_is_common(source: Path) -> None:
+    assert not foreign(source)
+
+
+def test_imports_point_one_way() -> None:
+    graph = {module(source): own_modules(running(ast.parse(source.read_text())), source) for source in SOURCES}
+    order = list(graphlib.TopologicalSorter(graph).static_order())  # fails on a cycle
+    assert order.index("errors") < order.index("plan") < order.index("pipeline") < order.index("cli")
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=name)
+def test_special_libraries_are_imported_where_they_are_used(source: Path) -> None:
+    at_import = running(ast.parse(source.read_text()), skip=(ast.FunctionDef, ast.AsyncFunctionDef))
+    assert not {full.split(".")[0] for full in imports(at_import, source)} & LATE
+
+
+@pytest.mark.parametrize("source", [one for one in SOURCES if one != PACKAGE / "cli.py"], ids=name)
+def test_only_the_command_line_prints_and_exits(source: Path) -> None:
+    assert not prints_or_exits(source)
+
+
+def test_nothing_holds_a_path_of_one_machine() -> None:
+    # put together here, so that this file does not hold them itself
+    places = "|".join(["work/", "tmp/w/", "root/", r"home/\w", "opt/", "usr/local/"])
+    pattern = re.compile(rf"(?<![\w.~*}}/)])/({places})")
+    found = {}
+    for file in text_files():
+        hits = [line.strip() for line in file.read_text(errors="ignore").splitlines() if pattern.search(line)]
+        if hits:
+            found[name(file)] = hits
+    assert not found
+
+
+def test_the_lock_file_names_no_registry() -> None:
+    lock = (ROOT / "requirements.lock").read_text()
+    assert not re.search(r"://|^\s*--(index|extra|find|trusted)", lock, re.MULTILINE)
+    assert "--hash=sha256:" in lock
+
+
+def test_help_loads_none_of_the_slow_libraries() -> None:
+    script = (
+        "import sys; from granpipe.cli import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "print('loaded:', *{module.split('.')[0] for module in sys.modules})"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "Usage" in done.stdout
+    assert not set(done.stdout.splitlines()[-1].split()) & SLOW
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "from granpipe.fluid import stokes",
+        "from granpipe.fluid.stokes import solve",
+        "def f():\n    import granpipe.geometry.walls",
+        "from ..export.vtk import write",
+        "from granpipe import plan",
+    ],
+)
+def test_an_import_across_rooms_is_seen(code: str, dem_source: Path) -> None:
+    dem_source.write_text(code)
+    assert foreign(dem_source)
+
+
+@pytest.mark.parametrize("code", ["def f():\n    print(1)", "import sys\nsys.exit(1)", "raise SystemExit"])
+def test_printing_and_exiting_are_seen(code: str, dem_source: Path) -> None:
+    dem_source.write_text(code)
+    assert prints_or_exits(dem_source)
+
+
+@pytest.fixture
+def dem_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A file in the dem room of another tree, to be written."""
+    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
+    (tmp_path / "granpipe/dem").mkdir(parents=True)
+    return tmp_path / "granpipe/dem/broken.py"

@@ -1,0 +1,90 @@
+"""The doctor: names what is there and what is missing, quickly, whatever the programs it asks do."""
+
+import re
+import stat
+import time
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from granpipe import doctor
+from granpipe.doctor import check
+
+ROOT = Path(__file__).parents[2]
+
+
+def program(folder: Path, name: str, script: str) -> None:
+    file = folder / name
+    file.write_text(f"#!/bin/sh\n{script}\n")
+    file.chmod(file.stat().st_mode | stat.S_IXUSR)
+
+
+@pytest.fixture
+def bin_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The only folder on the PATH, but for the system's tools."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    program(folder, "liggghts", 'echo "LIGGGHTS (Version LIGGGHTS-PUBLIC 3.8.0, compiled today by me)"')
+    program(folder, "mpirun", 'echo "mpirun (Open MPI) 4.1.4"')
+    monkeypatch.setenv("PATH", str(folder))
+    return folder
+
+
+def test_every_dependency_is_looked_up() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert set(doctor.PACKAGES) == {re.split(r"[<>=~! ]", line)[0] for line in project["dependencies"]}
+
+
+def test_setup_installs_every_library_that_the_doctor_names() -> None:
+    lines = [tuple(line.split()) for line in (ROOT / ".ci/setup").read_text().splitlines()]
+    assert {line for line in lines if len(line) == 2 and ".so." in line[0]} == set(doctor.DEBIAN.items())
+
+
+@pytest.mark.usefixtures("bin_folder")
+def test_versions_are_read_from_what_programs_say_of_themselves() -> None:
+    assert doctor._liggghts().found == "LIGGGHTS-PUBLIC 3.8.0"
+    assert doctor._mpirun().found == "mpirun (Open MPI) 4.1.4"
+
+
+def test_missing_programs_come_with_the_package_that_holds_them(bin_folder: Path) -> None:
+    (bin_folder / "liggghts").unlink()
+    (bin_folder / "mpirun").unlink()
+    for missing, package in ((doctor._liggghts(), "liggghts"), (doctor._mpirun(), "openmpi-bin")):
+        assert missing.found is None
+        assert f"install --no-install-recommends {package}" in missing.remedy
+
+
+def test_programs_that_hang_or_crash_count_as_missing(bin_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "TIMEOUT", 1.0)
+    monkeypatch.setattr(doctor, "_GMSH", "import os; os.abort()")
+    program(bin_folder, "liggghts", "exec /bin/sleep 30")
+    program(bin_folder, "mpirun", "echo no licence >&2; exit 1")
+    start = time.monotonic()
+    found = {one.name: one for one in check()}
+    assert time.monotonic() - start < 5
+    assert found["LIGGGHTS"].found is None
+    assert "did not answer within 1 s" in found["LIGGGHTS"].remedy
+    assert found["mpirun"].found is None
+    assert "no licence" in found["mpirun"].remedy
+    assert found["gmsh library"].found is None
+
+
+def test_a_library_that_cannot_be_loaded_is_traced_to_its_package() -> None:
+    complaint = "OSError: libXft.so.2: cannot open shared object file: No such file or directory"
+    assert doctor._remedy(complaint).startswith("run: apt-get install --no-install-recommends libxft2 ")
+    assert doctor._remedy("ImportError: something else") == "ImportError: something else"
+
+
+def test_too_little_disk_is_a_finding_with_the_amount(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert doctor._disk(tmp_path).found is not None
+    monkeypatch.setattr(doctor, "DISK_WANTED", 1e18)
+    full = doctor._disk(tmp_path)
+    assert full.found is None
+    assert "GB free" in full.remedy
+
+
+def test_an_absent_package_is_missing_and_a_present_one_has_its_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(doctor.PACKAGES, "granpipe-nonexistent", "nothing")
+    assert doctor._package("granpipe-nonexistent").found is None
+    assert re.match(r"\d+\.\d+", doctor._package("numpy").found or "")
