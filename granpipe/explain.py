@@ -7,9 +7,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from granpipe.errors import CaseError, KeyPath
-from granpipe.yamlfile import Places
-
-LONGEST_VALUE = 60  # characters of an offending value that a message repeats
+from granpipe.yamlfile import Places, shorten
 
 _SILENT = {"default_factory_not_called"}  # follows from another error
 _WORDS = {"dict_type": "must be a group of named values", "missing": "missing"}
@@ -34,7 +32,7 @@ def _one(item: dict[str, Any], data: Any, places: Places) -> CaseError:
     key, value, present = _follow((*item["loc"], *context.get("key", ())), data)
     message = _WORDS.get(item["type"], item["msg"])
     show = present and context.get("show_value", True)
-    return CaseError(f"{shown(value)}; {message}" if show else message, key, places.locate(key))
+    return CaseError(f"{shorten(value)}; {message}" if show else message, key, places.locate(key))
 
 
 def _follow(location: tuple[str | int, ...], data: Any) -> tuple[KeyPath, Any, bool]:
@@ -48,7 +46,7 @@ def _follow(location: tuple[str | int, ...], data: Any) -> tuple[KeyPath, Any, b
     for part in location:
         if part == "[key]":
             return key, key[-1], True
-        if isinstance(part, str) and present and not isinstance(value, dict):
+        if isinstance(part, str) and present and not isinstance(value, dict | None):
             continue
         key = (*key, part)
         try:
@@ -56,9 +54,3 @@ def _follow(location: tuple[str | int, ...], data: Any) -> tuple[KeyPath, Any, b
         except (KeyError, IndexError, TypeError):
             value, present = None, False
     return key, value, present
-
-
-def shown(value: Any) -> str:
-    """A raw value on one line, cut where long."""
-    text = " ".join(str(value).split()) if value is not None else "no value"
-    return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 1] + "…"

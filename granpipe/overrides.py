@@ -7,30 +7,30 @@ from typing import Any
 from granpipe.errors import CaseError
 from granpipe.yamlfile import Places, parse_value
 
+SOURCE = "--set"
+
 
 def override(data: dict[str, Any], places: Places, dotted: str, text: str) -> None:
     """Set one key of `data` to the value that the YAML text says; groups on the way are made where missing."""
-    place = "--set"
     path = tuple(dotted.split("."))
     if not all(path):
-        raise CaseError(f"`{dotted}` is not a dotted key such as dem.seed", place=place)
-    value, found = parse_value(text, place, path)
+        raise CaseError(f"`{dotted}` is not a dotted key such as dem.seed", place=SOURCE)
+    value, found = parse_value(text, SOURCE, path)
     group: dict[str, Any] = data
     for depth, part in enumerate(path[:-1], start=1):
-        group = _group_below(group, part, path[:depth], place)
+        places.known.setdefault(path[:depth], SOURCE)
+        group = _group_below(group, part, path[:depth])
     group[path[-1]] = value
-    for key in [key for key in places.known if key[: len(path)] == path]:
-        del places.known[key]
-    places.known |= found.known
+    places.replace(path, found)
 
 
-def _group_below(group: dict[str, Any], part: str, path: tuple[str, ...], place: str) -> dict[str, Any]:
+def _group_below(group: dict[str, Any], part: str, path: tuple[str, ...]) -> dict[str, Any]:
     below = group.get(part)
     if isinstance(below, list) and path[:-1] == ("outline", "sections"):  # the short form of a section
         below = {"z": below}
     if below is None:
         below = {}
     if not isinstance(below, dict):
-        raise CaseError("is a single value in the case, not a group of keys", path, place)
+        raise CaseError("is a single value in the case, not a group of keys", path, SOURCE)
     group[part] = below
     return below

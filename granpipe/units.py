@@ -19,6 +19,7 @@ Powers = tuple[float, float, float, float]  # of metre, kilogram, second, radian
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _QUANTITY = re.compile(rf"({_NUMBER})\s*(?:\[\s*([^\[\]]*?)\s*\]|([^\d\s\[\]/+.*^-][^\[\]]*?)|(/\s*{_NUMBER}))?\s*")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d")
 _FACTOR = re.compile(r"([^\W\d_]+|°|%)(?:(?:\^|\*\*)?(-?[1-9])|([²³]))?")
 _OPERATOR = re.compile(r"\s*([*/·]|\s)\s*")
 
@@ -108,8 +109,9 @@ def _parsed(value: Any, dimension: Dimension) -> tuple[float, float, Powers | No
         return _as_float(value), 1.0, None
     match = _QUANTITY.fullmatch(value.strip()) if isinstance(value, str) and len(value) <= MAX_LENGTH else None
     if match is None:
-        comma = "; write decimals with a point" if isinstance(value, str) and re.match(r"\s*\d+,\d", value) else ""
-        raise UnitError(f"must be {accepted(dimension)}{comma}")
+        raise UnitError(f"must be {accepted(dimension)}")
+    if _DECIMAL_COMMA.match(match[0]):
+        raise UnitError(f"must be {accepted(dimension)}; write decimals with a point")
     number, bracketed, plain, divisor = match.groups()
     if divisor:
         return _ratio(float(number), float(divisor[1:])), 1.0, None

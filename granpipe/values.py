@@ -20,7 +20,7 @@ from granpipe.errors import KeyPath
 from granpipe.units import ANGLE, NUMBER, Dimension, UnitError, accepted, flow_in_si, in_si
 
 MAX_INTEGER = 2**31 - 1
-MAX_POINTS = 10_000
+MAX_POINTS = 10_000  # of one wall or obstacle
 MAX_COORDINATE = 1e4  # m
 
 

@@ -16,8 +16,12 @@ import yaml
 from granpipe.errors import CaseError, KeyPath
 
 MAX_BYTES = 1_000_000
-MAX_NODES = 200_000  # after aliases are expanded
+MAX_NODES = 50_000  # also after aliases are expanded
 MAX_DEPTH = 32
+MAX_KEY = 64
+
+_TOO_MUCH = "nested too deeply, or too much data for a case"
+_PLAIN_TAGS = {f"tag:yaml.org,2002:{kind}" for kind in ("str", "seq", "map")}
 
 _INTEGER = re.compile(r"[+-]?\d{1,300}")
 _FLOAT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -26,10 +30,15 @@ _UNIT_IN_FLOW = re.compile(r"[\d.]\s*\[\s*[A-Za-z%°]")
 
 @dataclass
 class Places:
-    """Where every key of a case stands: ``file:line``, or the ``--set`` that gave it."""
+    """Where every key of a case stands: ``file:line``, or `--set` (which has no `lines`) where that gave it."""
 
     file: str
+    lines: bool = True
     known: dict[KeyPath, str] = field(default_factory=dict)
+
+    def at(self, line: int) -> str:
+        """Place of a line, counted from 0."""
+        return f"{self.file}:{line + 1}" if self.lines else self.file
 
     def locate(self, key: KeyPath) -> str:
         """Place of the key, or of the nearest key above it that the file has."""
@@ -42,6 +51,11 @@ class Places:
         """The same error with its place filled in."""
         return CaseError(error.message, error.key, error.place or self.locate(error.key))
 
+    def replace(self, key: KeyPath, given: Places) -> None:
+        """Forget the key and all below it; take their places from where they were given anew."""
+        kept = {old: place for old, place in self.known.items() if old[: len(key)] != key}
+        self.known = kept | given.known
+
 
 def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
     """Plain data and places of a YAML file that must hold a mapping; CaseError says what is wrong with it."""
@@ -51,19 +65,20 @@ def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
 def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], Places]:
     """Plain data and places of YAML text that must hold a mapping."""
     places = Places(file)
-    data = _Reader(places).read(_composed(text, file))
-    if data is None:
+    node = _composed(text, places)
+    if node is None:
         raise CaseError("the file is empty; `granpipe init` writes a commented starter case", place=file)
+    data = _Reader(places).read(node)
     if not isinstance(data, dict):
-        raise CaseError("must be a mapping of keys to values, such as `name: my-case`", place=f"{file}:1")
+        raise CaseError("must be a mapping of keys to values, such as `name: my-case`", place=places.at(0))
     return data, places
 
 
-def parse_value(text: str, place: str, key: KeyPath) -> tuple[Any, Places]:
-    """Plain data of one YAML value given for a key, as in ``--set dem.seed=2``; every place is the given one."""
-    places = Places(place, {key: place})
-    reader = _Reader(places, fixed_place=place)
-    return reader.read(_composed(text, place), key), places
+def parse_value(text: str, source: str, key: KeyPath) -> tuple[Any, Places]:
+    """Plain data of the YAML text of one value, given for a key by `source` (such as ``--set``)."""
+    places = Places(source, lines=False, known={key: source})
+    node = _composed(text, places)
+    return (None if node is None else _Reader(places).read(node, key)), places
 
 
 def _text_of(path: Path) -> str:
@@ -86,18 +101,30 @@ def _text_of(path: Path) -> str:
     return text
 
 
-def _composed(text: str, file: str) -> yaml.Node | None:
+class _Loader(yaml.BaseLoader):
+    """Composes nodes, all scalars as text; stops at once where there are too many or too deep ones."""
+
+    nodes = depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self.nodes, self.depth = self.nodes + 1, self.depth + 1
+        if self.nodes > MAX_NODES or self.depth > MAX_DEPTH:
+            raise yaml.MarkedYAMLError(problem=_TOO_MUCH, problem_mark=self.get_mark())
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+
+def _composed(text: str, places: Places) -> yaml.Node | None:
     try:
-        return yaml.compose(text, Loader=yaml.BaseLoader)
+        return yaml.compose(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
-        raise _syntax_error(error, text, file) from error
+        raise _syntax_error(error, text, places) from error
     except yaml.YAMLError as error:  # control characters
-        raise CaseError(f"not YAML: {' '.join(str(error).split())}", place=file) from error
-    except RecursionError:
-        raise CaseError("nested too deeply", place=file) from None
+        raise CaseError(f"not YAML: {' '.join(str(error).split())}", place=places.file) from error
 
 
-def _syntax_error(error: yaml.MarkedYAMLError, text: str, file: str) -> CaseError:
+def _syntax_error(error: yaml.MarkedYAMLError, text: str, places: Places) -> CaseError:
     mark = error.problem_mark or error.context_mark
     line = mark.line if mark else 0
     lines = text.splitlines()
@@ -107,19 +134,17 @@ def _syntax_error(error: yaml.MarkedYAMLError, text: str, file: str) -> CaseErro
             'inside [ ] or { } YAML cannot read a unit in brackets: write 3 cm or "3[cm]"; '
             "outline points are plain numbers, and outline.unit says their unit"
         )
-    return CaseError(message, place=f"{file}:{line + 1}")
+    return CaseError(message, place=places.at(line))
 
 
 class _Reader:
-    """Walks composed nodes once, noting the line of every key."""
+    """Walks composed nodes (an aliased one each time that it stands somewhere), noting the line of every key."""
 
-    def __init__(self, places: Places, fixed_place: str = "") -> None:
-        self.places, self.fixed_place, self.nodes = places, fixed_place, 0
+    def __init__(self, places: Places) -> None:
+        self.places, self.nodes = places, 0
 
-    def read(self, node: yaml.Node | None, key: KeyPath = ()) -> Any:
-        if node is None:
-            return None
-        self._count(node, key)
+    def read(self, node: yaml.Node, key: KeyPath = ()) -> Any:
+        self._check(node, key)
         if key:
             self.places.known.setdefault(key, self._place(node))
         if isinstance(node, yaml.MappingNode):
@@ -129,21 +154,21 @@ class _Reader:
         return _scalar(node)
 
     def _place(self, node: yaml.Node) -> str:
-        return self.fixed_place or f"{self.places.file}:{node.start_mark.line + 1}"
+        return self.places.at(node.start_mark.line)
 
-    def _count(self, node: yaml.Node, key: KeyPath) -> None:
+    def _check(self, node: yaml.Node, key: KeyPath) -> None:
         self.nodes += 1
         if self.nodes > MAX_NODES or len(key) > MAX_DEPTH:
-            raise CaseError("nested too deeply, or aliases expand to too much", place=self._place(node))
-        if not node.tag.startswith("tag:yaml.org,2002:") or node.tag.rsplit(":", 1)[1] not in ("str", "seq", "map"):
-            raise CaseError(f"tags such as `{node.tag[:40]}` are not accepted", key, self._place(node))
+            raise CaseError(f"{_TOO_MUCH}: look at its aliases", place=self._place(node))
+        if node.tag not in _PLAIN_TAGS:
+            raise CaseError(f"tags such as `{shorten(node.tag)}` are not accepted", key, self._place(node))
 
     def _mapping(self, node: yaml.MappingNode, key: KeyPath) -> dict[str, Any]:
         data: dict[str, Any] = {}
         for name_node, value_node in node.value:
-            if not isinstance(name_node, yaml.ScalarNode):
-                raise CaseError("a key must be plain text", key, self._place(name_node))
             name = name_node.value
+            if not isinstance(name, str) or not name.isprintable() or not 0 < len(name) <= MAX_KEY:
+                raise CaseError("a key must be a word", key, self._place(name_node))
             path = (*key, name)
             if name in data:
                 raise CaseError(f"given twice (first at {self.places.locate(path)})", path, self._place(name_node))
@@ -165,6 +190,12 @@ def plain_value(text: str) -> Any:
     if _INTEGER.fullmatch(text):
         return int(text)
     return float(text) if _FLOAT.fullmatch(text) else text
+
+
+def shorten(value: Any, longest: int = 60) -> str:
+    """A raw value on one line, cut where long."""
+    text = " ".join(str(value).split()) if value is not None else "no value"
+    return text if len(text) <= longest else text[: longest - 1] + "…"
 
 
 class _Dumper(yaml.SafeDumper):
