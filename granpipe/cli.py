@@ -269,7 +269,8 @@ def _plan_text(plan: Plan) -> str:
 
 def _dem_lines(plan: Plan) -> list[str]:
     dem = plan.dem
-    lines = [f"  {choice.name:<28} {choice.value:<12} {choice.criterion}" for choice in dem.choices]
+    width = max(len(choice.name) for choice in dem.choices)
+    lines = [f"  {choice.name:<{width}}  {choice.value:<12} {choice.criterion}" for choice in dem.choices]
     hours = plan.seconds / 3600
     cost = f"{hours:.3g} h" if hours >= 1 else f"{plan.seconds / 60:.3g} min"
     return [

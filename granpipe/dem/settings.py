@@ -177,7 +177,7 @@ def _check_gap(opening: Opening, classes: SizeClasses) -> Choice:
             f"dem.coarse_grain_factor or a wider opening",
             key=opening.key,
         )
-    warning = "" if ratio >= 10 else f"{ratio:.2g} < 10 at the {opening.name}: expect wall layers and arching to show"
+    warning = "" if ratio >= 10 else f"{ratio:.2g} is below 10: expect wall layers and arching to show"
     return Choice(f"gap/d90 at the {opening.name}", f"{ratio:.3g}", "at least 5, better 10", warning=warning)
 
 

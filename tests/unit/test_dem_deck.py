@@ -1,0 +1,96 @@
+"""Decks: only the blocks that a scene needs, legal seeds, no text from a case, the same bytes every time."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from granpipe.case import Case, load_case
+from granpipe.dem.deck import Deck, make_deck, render
+from granpipe.errors import CaseError
+from granpipe.geometry.outline import Outline
+from granpipe.plan import make_plan
+
+
+def deck_of(case: Case) -> Deck:
+    plan = make_plan(case)
+    settings = plan.dem
+    frusta = plan.outline.insertion_frusta(settings.feed_top, settings.plate_z, settings.classes.largest, 0.5)
+    meshes = [f"obstacle_{name}" for name in plan.outline.obstacles]
+    return make_deck(case, settings, frusta, meshes, plan.outline.r_max)
+
+
+def deck_with(tiny: Path, **overrides: str) -> Deck:
+    return deck_of(load_case(tiny, {key.replace("__", "."): value for key, value in overrides.items()}))
+
+
+def test_the_same_case_gives_the_same_deck(tiny: Path) -> None:
+    first, second = (render(deck_with(tiny), name) for name in ("fill.in", "fill.in"))
+    assert first == second
+    assert render(deck_with(tiny, dem__seed="2"), "fill.in") != first
+
+
+def test_seeds_are_different_primes_above_ten_thousand(tiny: Path) -> None:
+    text = render(deck_with(tiny), "fill.in")
+    seeds = [int(s) for s in re.findall(r"(?:seed|particletemplate/sphere|numberbased) (\d+)", text)]
+    assert len(seeds) >= 4
+    assert len(set(seeds)) == len(seeds)
+    assert all(s > 10_000 and all(s % d for d in range(2, int(s**0.5) + 1)) for s in seeds)
+
+
+def test_no_rolling_model_without_rolling_friction(tiny: Path) -> None:
+    assert "rolling" in render(deck_with(tiny), "produce.in").lower()
+    bare = render(deck_with(tiny, contact__rolling_model="none", contact__rolling_friction="0"), "produce.in")
+    assert "rolling" not in bare.lower()
+
+
+def test_no_tangential_history_without_friction(tiny: Path) -> None:
+    text = render(deck_with(tiny, contact__friction="0", contact__rolling_friction="0"), "produce.in")
+    assert "tangential off" in text
+    assert "history" not in text
+
+
+def test_walls_of_their_own_friction_are_a_second_material(tiny: Path) -> None:
+    assert deck_with(tiny).types == 1
+    own = deck_with(tiny, contact__wall__friction="0.2")
+    assert own.types == 2
+    assert own.friction == (0.5, 0.2, 0.2, 0.2)
+
+
+def test_stiffness_beyond_liggghts_range_is_announced_before_the_box(tiny: Path) -> None:
+    text = render(deck_with(tiny, contact__youngs_modulus="4.7e9"), "fill.in")
+    assert text.index("hard_particles  yes") < text.index("create_box")
+    assert "hard_particles" not in render(deck_with(tiny), "fill.in")
+
+
+def test_hooke_brings_its_characteristic_velocity(tiny: Path) -> None:
+    text = render(deck_with(tiny, contact__model="hooke", contact__characteristic_velocity="0.5"), "fill.in")
+    assert "model hooke" in text
+    assert "characteristicVelocity scalar 0.5" in text
+
+
+def test_an_open_outlet_has_a_catcher_and_no_sinking_plate(tiny: Path) -> None:
+    text = render(deck_with(tiny, dem__outlet="open"), "produce.in")
+    assert "massflow/mesh" in text
+    assert "move/mesh" not in text
+    assert "meshes vessel\n" in text
+
+
+def test_the_plate_sinks_at_the_plates_speed(tiny: Path) -> None:
+    assert "move/mesh mesh plate linear 0.0 0.0 -0.03" in render(deck_with(tiny), "produce.in")
+
+
+def test_the_box_holds_the_plates_whole_travel(tiny: Path) -> None:
+    deck = deck_with(tiny, dem__max_time="2")
+    plan = make_plan(load_case(tiny, {"dem.max_time": "2"}))
+    assert deck.box[4] < plan.dem.plate_z - 0.03 * 2
+
+
+def test_a_mesh_name_that_could_be_a_command_is_refused(tiny: Path) -> None:
+    case = load_case(tiny)
+    plan = make_plan(case)
+    frusta = Outline.from_case(case).insertion_frusta(plan.dem.feed_top, plan.dem.plate_z, 0.01, 0.5)
+    with pytest.raises(CaseError, match="cannot name a mesh"):
+        make_deck(case, plan.dem, frusta, ["x\nshell rm -rf /"], 0.06)
