@@ -137,6 +137,16 @@ def doctor() -> None:
 
 
 @main.command()
+@_RESULTS
+def clean(results: Path) -> None:
+    """Delete the store of intermediate stages; results folders stay."""
+    from granpipe.store import Store
+
+    freed = Store(results / ".store").clear()
+    click.echo(f"freed {freed / 1e6:.1f} MB; the next run of a case starts anew")
+
+
+@main.command()
 @click.argument("dumps", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--cell", required=True, help="Edge of a cell, such as 0.015 or 15mm.")
 @click.option("--time-step", required=True, help="Time step of the run [s], to turn steps into times.")

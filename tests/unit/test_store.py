@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from granpipe import store
+from granpipe import store as store_module
 from granpipe.errors import RunError
 from granpipe.store import Store, key_of, publishing
 
@@ -68,6 +68,20 @@ def test_a_full_disk_is_said_before_anything_starts(tmp_path: Path, monkeypatch:
 
 
 def test_space_is_asked_for_what_is_needed(tmp_path: Path) -> None:
-    store.check_space(tmp_path)
+    store_module.check_space(tmp_path)
     with pytest.raises(RunError, match="make room"):
-        store.check_space(tmp_path, needed=10**18)
+        store_module.check_space(tmp_path, needed=10**18)
+
+
+def test_clearing_frees_finished_stages_and_spares_what_is_being_worked_on(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+
+    def work(folder: Path) -> None:
+        (folder / "x").write_bytes(b"12345678")
+
+    for key in ("a", "b"):
+        store.make("walls", key, work)
+    with store.lock("walls", "b"):
+        assert store.clear() == 8
+    assert not store.folder("walls", "a").exists()
+    assert store.folder("walls", "b").exists()
