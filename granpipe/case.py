@@ -115,7 +115,7 @@ class Outline(Group):
         Annotated[str, Word()],
         Annotated[Section, Short(Levels())],
     ] = Field(
-        default_factory=lambda data: _sections_by_slope(data["wall"]),
+        default_factory=lambda data: _sections_by_slope(data.get("wall", ())),
         description="Parts of the vessel between two levels, by name. Unless given: one for each change of wall slope, "
         "named s1, s2, …, from the top.",
     )
