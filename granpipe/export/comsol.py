@@ -1,0 +1,186 @@
+"""Text files that COMSOL Multiphysics reads as interpolation functions, and the Java class that sets them up.
+
+Three formats: Spreadsheet (a row per node), Grid (axes, then rows of values) and Sectionwise (triangles of the solid
+cells alone, so that nothing is interpolated across a wall or a cavity). ASCII, LF, numbers that read back exactly,
+never NaN. What a model does not know has no column and no file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from granpipe import __version__
+from granpipe.export.balance import Balance, balance_of
+from granpipe.export.nodes import Nodes, nodal_values, triangles
+from granpipe.field import Array, Field
+
+MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One exported quantity: its name and unit in COMSOL, what it is, (nz+1, nr+1) values, a grid file of its own."""
+
+    name: str
+    unit: str
+    description: str
+    values: Array
+    grid_file: str = ""
+
+
+def write_comsol(
+    field: Field, folder: Path, *, name: str, solids_density: float, date: datetime, at_time: bool = False
+) -> Balance:
+    """Write the COMSOL files of a field into an existing folder; return how well what they hold balances.
+
+    Parameters
+    ----------
+    name : name of the case (plain ASCII, as the case file demands)
+    solids_density : ρ_s [kg/m³]; ρ_s φ_ref times the bulk velocity is the true mass flux
+    date : what the header states
+    at_time : append `` @ t=0`` to the column heads of the spreadsheet, as some readers demand
+    """
+    nodes = nodal_values(field)
+    balance = balance_of(field, nodes)
+    columns = columns_of(nodes)
+    _write(folder / "flow_spreadsheet.txt", _spreadsheet(nodes, columns, name, date, " @ t=0" if at_time else ""))
+    for column in columns:
+        if column.grid_file:
+            _write(folder / column.grid_file, _grid(nodes.r, nodes.z, column.values))
+    if nodes.psi is not None:
+        _write(folder / "psi_grid.txt", _grid(nodes.r**2, nodes.z, nodes.psi))
+    sections = [column for column in columns if column.name != "psi"]
+    _write(folder / "flow_sectionwise.txt", _sectionwise(nodes, sections))
+    _write(folder / "flow_levels.txt", _levels(balance))
+    _write(folder / "import_comsol.java", [_java(field, sections, name, solids_density)])
+    return balance
+
+
+def columns_of(nodes: Nodes) -> list[Column]:
+    """What the spreadsheet holds beside r and z."""
+    solids = nodes.solids.astype(float)
+    columns = [
+        Column("u_bulk", "m/s", "Radial bulk velocity", nodes.bulk_u, "u_grid.txt"),
+        Column("w_bulk", "m/s", "Vertical bulk velocity", nodes.bulk_w, "w_grid.txt"),
+    ]
+    if nodes.particle_u is not None and nodes.particle_w is not None and nodes.packing is not None:
+        columns += [
+            Column("u_particle", "m/s", "Radial particle velocity", nodes.particle_u),
+            Column("w_particle", "m/s", "Vertical particle velocity", nodes.particle_w),
+            Column("packing", "1", "Solids fraction", nodes.packing, "phi_grid.txt"),
+        ]
+    columns.append(Column("solids", "1", "Solids mask", solids))
+    if nodes.psi is not None:
+        columns.append(Column("psi", "m^3/s", "Stokes stream function", nodes.psi))
+    return columns
+
+
+def _spreadsheet(nodes: Nodes, columns: list[Column], name: str, date: datetime, suffix: str) -> Iterator[str]:
+    """Lines of the Spreadsheet format, its header and widths as COMSOL's own exports have them; r varies fastest."""
+    yield from _header(
+        {
+            "Model": name,
+            "Version": f"granpipe {__version__}",
+            "Date": f"{MONTHS[date.month - 1]} {date.day} {date.year}, {date:%H:%M}",
+            "Dimension": "2",
+            "Nodes": str(nodes.solids.size),
+            "Expressions": str(len(columns)),
+            "Description": ", ".join(column.description for column in columns),
+            "Length unit": "m",
+        }
+    )
+    yield _row("% r", "z", *(f"{column.name} ({column.unit}){suffix}" for column in columns))
+    r, z = np.meshgrid(nodes.r, nodes.z)
+    table = np.column_stack([array.ravel() for array in (r, z, *(column.values for column in columns))])
+    yield from (_row(*map(_number, row)) for row in table.tolist())
+
+
+def _header(entries: dict[str, str]) -> Iterator[str]:
+    return (f"% {key + ':':<19} {value}" for key, value in entries.items())
+
+
+def _row(first: str, *others: str) -> str:
+    """One line of a table: the first column 26 characters wide, the later ones 25."""
+    return (f"{first:<26}" + "".join(f"{text:<25}" for text in others)).rstrip()
+
+
+def _number(value: float) -> str:
+    """The shortest text that reads back as the same number; 0 and whole numbers as COMSOL writes them, without .0"""
+    return repr(value + 0.0).removesuffix(".0")
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(map(_number, values))
+
+
+def _grid(first: Array, second: Array, values: Array) -> Iterator[str]:
+    """Lines of the Grid format: both axes, then all values at one value of the second axis per row."""
+    yield "% Grid"
+    yield _numbers(first.tolist())
+    yield _numbers(second.tolist())
+    yield "% Data"
+    yield from map(_numbers, values.tolist())
+
+
+def _sectionwise(nodes: Nodes, columns: list[Column]) -> Iterator[str]:
+    """Lines of the Sectionwise format: nodes and triangles of the solid cells, then a block of values per function."""
+    points = np.flatnonzero(nodes.solids)
+    r, z = np.meshgrid(nodes.r, nodes.z)
+    yield "% Coordinates"
+    yield from map(_numbers, zip(r.ravel()[points].tolist(), z.ravel()[points].tolist(), strict=True))
+    yield "% Elements (triangles)"
+    number = np.cumsum(nodes.solids).reshape(nodes.solids.shape)  # 1-based
+    yield from (f"{a} {b} {c}" for a, b, c in number.ravel()[triangles(nodes)].tolist())
+    for column in columns:
+        yield f"% Data ({column.name} ({column.unit}))"
+        yield from map(_number, column.values.ravel()[points].tolist())
+
+
+def _levels(balance: Balance) -> Iterator[str]:
+    """Table of the flow through every level, under a summary of what linear interpolation does to the balance."""
+    yield from (
+        "% Flow of bulk through every level, positive downwards, and how well the exported velocity balances",
+        "% field: the field itself; grid: interpolated linearly in every cell, as the grid files and the spreadsheet",
+        "% give it; sectionwise: interpolated in the solid cells alone. Divergence: (1/r) d(r u)/dr + dw/dz of the",
+        "% interpolated bulk velocity at the centres of the solid cells that no wall cuts; false source: the integral",
+        "% of its absolute value, divided by the flow rate.",
+    )
+    summary = {
+        "flow rate (m^3/s)": balance.flow_rate,
+        "divergence, maximum (1/s)": balance.divergence_max,
+        "divergence, RMS (1/s)": balance.divergence_rms,
+        "false source (1)": balance.false_source,
+    }
+    yield from (f"% {key + ':':<29}{_number(value)}" for key, value in summary.items())
+    yield _row("% z (m)", "field (m^3/s)", "grid (m^3/s)", "sectionwise (m^3/s)")
+    table = np.column_stack([balance.z, balance.field, balance.grid, balance.sectionwise])
+    yield from (_row(*map(_number, row)) for row in table.tolist())
+
+
+def _java(field: Field, sections: list[Column], name: str, solids_density: float) -> str:
+    """The class that adds functions, parameters and variables to a COMSOL model."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("granpipe"), undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=False
+    )
+    return environment.get_template("import_comsol.java.j2").render(
+        name=name,
+        version=__version__,
+        functions=sections,
+        conserving=field.psi is not None,
+        flow_rate=_number(field.bulk_flow * field.flow_scale),
+        reference_density=_number(solids_density * field.bulk_packing),
+        solids_density=_number(solids_density),
+        reference_packing=_number(field.bulk_packing),
+    )
+
+
+def _write(path: Path, lines: Iterable[str]) -> None:
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        file.writelines(f"{line}\n" for line in lines)

@@ -1,0 +1,380 @@
+"""Pictures in the manner of Sparta & Halvorsen (2017): the field on r–z, and the vessel with its particles.
+
+No window and no X server: figures are made with matplotlib's Agg canvas, the vessel with pyvista off-screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granpipe.export.nodes import Nodes, nodal_values, triangles
+from granpipe.field import Array, Field, level_flow
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Polygon = Sequence[tuple[float, float]]
+
+DPI = 200
+STYLE: dict[Any, Any] = {"font.size": 9, "axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6}
+INK, STONE, REST, BLUE, RED = "#222222", "#9a9a9a", "#d9c7a8", "#1f4e8c", "#c0392b"
+LEFT, GAP, BOTTOM, TOP = 0.62, 0.42, 0.5, 0.75  # margins of a figure and between its panels [inch]
+
+UNITS = (("m/s", 1.0), ("mm/s", 1e3), ("m/h", 3600.0), ("mm/h", 3.6e6))
+AT_REST = 0.02  # of the mean speed over the widest level
+ELEVATION = np.radians(18.0)  # of the eye above the horizon, for the vessel
+
+
+def rz_figures(field: Field, wall: Polygon, obstacles: Mapping[str, Polygon], folder: Path) -> list[Path]:
+    """Draw a field at the flow rate of the case into an existing folder; return the files.
+
+    Parameters
+    ----------
+    wall : (r, z) of the outer wall from the top down [m]
+    obstacles : closed polygons (r, z) [m] by name
+    """
+    from matplotlib import rc_context
+
+    figures = {"rz_field.png": _field_figure, "rz_flow.png": _flow_figure}
+    with rc_context(STYLE):
+        for name, draw in figures.items():
+            draw(field, np.asarray(wall, dtype=float), obstacles).savefig(folder / name, dpi=DPI)
+    return [folder / name for name in figures]
+
+
+def vessel_figure(stl_paths: Sequence[Path], position: Array, radius: Array, velocity: Array, path: Path) -> None:
+    """Draw the vessel cut open at y = 0 and the particles behind the cut, by vertical velocity and by radius.
+
+    Parameters
+    ----------
+    stl_paths : surfaces of vessel, obstacles and plate
+    position, velocity : (n, 3) of the particles [m], [m/s]
+    radius : (n,) [m]
+    path : the PNG file to write
+    """
+    from matplotlib import rc_context
+
+    behind = position[:, 1] > 0
+    unit, factor = readable_unit(_robust(np.linalg.norm(velocity, axis=1)))
+    w, size = velocity[behind, 2] * factor, 1e3 * radius[behind]
+    colours = {f"vertical velocity [{unit}]": (w, "viridis", _downward(w))}
+    if np.ptp(size) > 0:
+        colours["particle radius [mm]"] = (size, "cividis", (float(size.min()), float(size.max())))
+    images, extent = _rendered(stl_paths, position[behind], radius[behind], list(colours.values()))
+    with rc_context(STYLE):
+        _vessel_panels(images, extent, colours).savefig(path, dpi=DPI)
+
+
+def readable_unit(speed: float) -> tuple[str, float]:
+    """Unit in which a speed [m/s] is at least 1, and the factor to it: m/s, mm/s, m/h, or mm/h for all slower ones."""
+    return next(((unit, factor) for unit, factor in UNITS if speed * factor >= 1), UNITS[-1])
+
+
+def _field_figure(field: Field, wall: Array, obstacles: Mapping[str, Polygon]) -> Figure:
+    """Panels side by side: packing where known, radial and vertical bulk velocity, streamlines."""
+    nodes = nodal_values(field)
+    panels = [_draw_radial, _draw_vertical, _draw_streamlines]
+    if field.packing_fraction is not None:
+        panels.insert(0, _draw_packing)
+    tall, wide = _panel_size(wall)
+    figure, axes = _sheet([wide] * len(panels), tall)
+    for axis, draw in zip(axes, panels, strict=True):
+        draw(axis, field, nodes, wall)
+        _draw_surface(axis, field, nodes)
+        _clip(axis, wall)
+        _draw_vessel(axis, wall, obstacles)
+        axis.tick_params(labelleft=axis is axes[0])
+    axes[0].set_ylabel("z [m]")
+    return figure
+
+
+def _flow_figure(field: Field, wall: Array, obstacles: Mapping[str, Polygon]) -> Figure:
+    """The vessel with its solids, and beside it the flow through every level, before and after adjustment."""
+    nodes = nodal_values(field)
+    tall, wide = _panel_size(wall)
+    figure, (vessel, flows) = _sheet([wide, 3.4], tall)
+    vessel.pcolormesh(nodes.r, nodes.z, np.where(nodes.cells, 1.0, np.nan), cmap="Greys", vmin=0, vmax=4)
+    _draw_surface(vessel, field, nodes)
+    _clip(vessel, wall)
+    _draw_vessel(vessel, wall, obstacles)
+    vessel.set_ylabel("z [m]")
+    _draw_flows(flows, field)
+    flows.set_ylim(vessel.get_ylim())
+    return figure
+
+
+def _panel_size(wall: Array) -> tuple[float, float]:
+    """Height and width of a panel [inch]: the vessel's own aspect, at most 7 high and 3.5 wide."""
+    r_max, height = float(wall[:, 0].max()), float(np.ptp(wall[:, 1]))
+    tall = min(7.0, 3.5 * height / r_max)
+    return tall, max(1.3, tall * r_max / height)
+
+
+def _sheet(widths: Sequence[float], tall: float) -> tuple[Figure, list[Axes]]:
+    """A row of panels of the given sizes [inch] under a margin for their heads."""
+    from matplotlib.figure import Figure
+
+    size = (LEFT + sum(widths) + GAP * len(widths), BOTTOM + tall + TOP)
+    figure = Figure(figsize=size)
+    lefts = [LEFT + sum(widths[:k]) + GAP * k for k in range(len(widths))]
+    places = [(x / size[0], BOTTOM / size[1], w / size[0], tall / size[1]) for x, w in zip(lefts, widths, strict=True)]
+    return figure, [figure.add_axes(place) for place in places]
+
+
+def _draw_vessel(axis: Axes, wall: Array, obstacles: Mapping[str, Polygon]) -> None:
+    """The outer wall, the obstacles, the axis; equal scales and little else."""
+    r_max, low, high = float(wall[:, 0].max()), float(wall[:, 1].min()), float(wall[:, 1].max())
+    for corners in obstacles.values():
+        axis.fill(*np.transpose(corners), facecolor=STONE, edgecolor=INK, linewidth=0.8, zorder=3)
+    axis.plot(*wall.T, color=INK, linewidth=1.4, solid_capstyle="round", clip_on=False, zorder=4)
+    axis.plot([0, 0], [low, high], color=INK, linewidth=0.6, linestyle=(0, (8, 3, 1, 3)), clip_on=False, zorder=4)
+    axis.set(aspect="equal", xlim=(0, r_max), ylim=(low, high), xlabel="r [m]")
+    axis.spines[:].set_visible(False)
+    axis.tick_params(length=3, color=INK)
+    axis.locator_params(axis="x", nbins=3)
+
+
+def _draw_surface(axis: Axes, field: Field, nodes: Nodes) -> None:
+    """A thin line between solids and voids: the free surface, and round cavities."""
+    filled = nodes.cells | (field.inside_fraction == 0)
+    if not filled.all():
+        axis.contour(
+            field.grid.r_centres,
+            field.grid.z_centres,
+            filled.astype(float),
+            levels=[0.5],
+            colors=[STONE],
+            linewidths=0.6,
+        )
+
+
+def _draw_packing(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
+    values = np.where(nodes.cells, np.asarray(field.packing_fraction), np.nan)
+    image = axis.pcolormesh(nodes.r, nodes.z, values, cmap="cividis", vmin=0, vmax=max(0.65, float(np.nanmax(values))))
+    _bar(axis, image, "packing fraction", "neither")
+
+
+def _draw_radial(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
+    unit, factor = _unit(nodes)
+    top = _robust(np.abs(nodes.bulk_u[nodes.solids])) * factor or 1.0
+    image = _smooth(axis, nodes, nodes.bulk_u * factor, cmap="RdBu_r", vmin=-top, vmax=top)
+    _bar(axis, image, f"radial velocity [{unit}]", "both")
+
+
+def _draw_vertical(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
+    unit, factor = _unit(nodes)
+    low, high = _downward(nodes.bulk_w[nodes.solids] * factor)
+    image = _smooth(axis, nodes, nodes.bulk_w * factor, cmap="viridis", vmin=low, vmax=high)
+    _bar(axis, image, f"vertical velocity [{unit}]", "min")
+
+
+def _draw_streamlines(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
+    """Contours of the flow between axis and node, which is −2πψ where the field balances; none crosses a void."""
+    from matplotlib.tri import Triangulation
+
+    within = np.zeros(nodes.solids.shape)
+    within[:, 1:] = -np.cumsum(field.flux_z * field.grid.ring_area, axis=1) / (field.bulk_flow * field.bulk_packing)
+    plug = field.bulk_flow * field.flow_scale / (np.pi * float(wall[:, 0].max()) ** 2)
+    speed = np.hypot(nodes.bulk_u, nodes.bulk_w) / plug
+    r, z = np.meshgrid(nodes.r, nodes.z)
+    mesh = Triangulation(r.ravel(), z.ravel(), triangles(nodes))
+    axis.tricontourf(mesh, speed.ravel(), levels=[0, AT_REST], colors=[REST])
+    axis.tricontour(mesh, within.ravel(), levels=np.arange(0.05, 1, 0.1), colors=[BLUE], linewidths=0.8)
+    _key(axis)
+
+
+def _draw_flows(axis: Axes, field: Field) -> None:
+    """Flow of solids through every level as a part of the flow that the plug above the plate carries."""
+    reference = field.bulk_flow * field.bulk_packing
+    z, grid = field.grid.z_edges, field.grid
+    axis.axvspan(95, 105, color="#eeeeee", zorder=0, label="± 5 %")
+    if field.raw_flux_z is not None:
+        axis.plot(100 * level_flow(field.raw_flux_z, grid) / reference, z, color=RED, lw=1, label="plain average")
+    axis.plot(100 * level_flow(field.flux_z, grid) / reference, z, color=BLUE, lw=1.6, label="final field")
+    axis.axvline(100, color=INK, linewidth=0.8, linestyle="--", label=f"reference, {reference:.3g} m³/s")
+    axis.set_xlabel("flow of solids through level [% of reference]")
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.tick_params(labelleft=False)
+    low, high = axis.get_xlim()
+    axis.set_xlim(min(low, 85), max(high, 115))
+    axis.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2, frameon=False, fontsize=8)
+
+
+def _unit(nodes: Nodes) -> tuple[str, float]:
+    return readable_unit(_robust(np.hypot(nodes.bulk_u, nodes.bulk_w)[nodes.solids]))
+
+
+def _robust(values: Array) -> float:
+    """Nearly the largest value, so that a few outliers do not take the colours."""
+    return float(np.percentile(values, 99.5)) if values.size else 0.0
+
+
+def _downward(w: Array) -> tuple[float, float]:
+    """Range of colours for vertical velocities: from nearly the fastest to rest, or to nearly the fastest rise."""
+    return -_robust(-w) or -1.0, max(0.0, _robust(w))
+
+
+def _smooth(axis: Axes, nodes: Nodes, values: Array, **colours: Any) -> Any:
+    """Colours interpolated over the triangles of the solids; voids stay white."""
+    r, z = np.meshgrid(nodes.r, nodes.z)
+    return axis.tripcolor(
+        r.ravel(), z.ravel(), values.ravel(), triangles=triangles(nodes), shading="gouraud", **colours
+    )
+
+
+def _clip(axis: Axes, wall: Array) -> None:
+    """Cut everything drawn so far to the inside of the outer wall."""
+    from matplotlib.patches import Polygon as Patch
+
+    closed = np.vstack([[0, wall[0, 1]], wall, [0, wall[-1, 1]]])
+    for artist in axis.collections:
+        artist.set_clip_path(Patch(closed, transform=axis.transData))
+
+
+def _bar(axis: Axes, image: Any, title: str, extend: str) -> None:
+    """A horizontal colour bar over its panel."""
+    inch = axis.figure.dpi / axis.bbox.height
+    bar = axis.inset_axes((0.04, 1 + 0.18 * inch, 0.92, 0.09 * inch))
+    axis.figure.colorbar(image, cax=bar, orientation="horizontal", extend=extend)
+    bar.set_title(title, fontsize=8.5, pad=4)
+    bar.tick_params(labelsize=7.5, length=2, pad=1.5)
+    bar.locator_params(axis="x", nbins=3)
+
+
+def _key(axis: Axes) -> None:
+    """What lines and shade of the streamlines mean, over their panel."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    marks = [
+        Line2D([], [], color=BLUE, linewidth=0.8, label="each 10 % of the flow"),
+        Patch(facecolor=REST, label="at rest"),
+    ]
+    axis.legend(handles=marks, loc="lower left", bbox_to_anchor=(-0.05, 1.0), frameon=False, fontsize=7.5)
+
+
+def _rendered(
+    stl_paths: Sequence[Path], position: Array, radius: Array, colours: Sequence[tuple[Array, str, tuple[float, float]]]
+) -> tuple[list[Any], tuple[float, float, float, float]]:
+    """One image of the open vessel per colouring, by parallel projection; and its extent in the plane of the cut.
+
+    The extent is (x, x, z, z) [m] of points with y = 0: the elevated eye sees their z shortened by its cosine.
+    """
+    import pyvista
+
+    ball = pyvista.Sphere(radius=1.0, theta_resolution=12, phi_resolution=8)
+    cloud = pyvista.PolyData(position)
+    cloud["radius"] = radius
+    cloud["number"] = np.arange(len(radius))
+    balls = cloud.glyph(scale="radius", orient=False, geom=ball)
+    extent = _extent([pyvista.PolyData(str(path)).bounds for path in stl_paths])
+    with _quiet_vtk():
+        plotter: Any = pyvista.Plotter(off_screen=True, window_size=_pixels(extent))
+        plotter.render_window.SetMultiSamples(0)  # they cost seconds without a graphics card; the image is scaled down
+        plotter.set_background("white")
+        for path in stl_paths:
+            _add_open(plotter, path)
+        _look(plotter, extent)
+        images = []
+        for values, colormap, limits in colours:
+            balls["colour"] = values[balls["number"]]
+            plotter.add_mesh(
+                balls,
+                scalars="colour",
+                cmap=colormap,
+                clim=limits,
+                smooth_shading=True,
+                show_scalar_bar=False,
+                name="balls",
+            )
+            plotter.render()
+            images.append(plotter.screenshot(return_img=True))
+        plotter.close()
+    return images, extent
+
+
+def _extent(surfaces: Sequence[Sequence[float]]) -> tuple[float, float, float, float]:
+    """(x, x, z, z) that the half behind y = 0 of surfaces with these bounds fills in the view, with a margin [m]."""
+    bounds = np.array(surfaces)
+    x, low, high, back = np.abs(bounds[:, :2]).max(), bounds[:, 4].min(), bounds[:, 5].max(), bounds[:, 3].max()
+    margin = 0.03 * float(x)
+    return -x - margin, x + margin, low - margin, high + back * np.tan(ELEVATION) + margin
+
+
+def _pixels(extent: tuple[float, float, float, float], long_side: int = 2200) -> list[int]:
+    """Width and height of the image; even numbers."""
+    wide, tall = extent[1] - extent[0], (extent[3] - extent[2]) * np.cos(ELEVATION)
+    scale = long_side / max(wide, tall)
+    return [2 * round(wide * scale / 2), 2 * round(tall * scale / 2)]
+
+
+def _add_open(plotter: Any, path: Path) -> None:
+    """The part of a surface behind y = 0, the line where it is cut, and the cut face of an obstacle."""
+    import pyvista
+
+    surface: Any = pyvista.PolyData(str(path)).clean(tolerance=1e-6)  # STL repeats its vertices
+    steel = {"color": "#cfd4da", "ambient": 0.35, "specular": 0.2, "smooth_shading": True, "split_sharp_edges": True}
+    plotter.add_mesh(surface.clip(normal=(0, -1, 0), origin=(0, 0, 0)), name=path.stem, **steel)
+    cut = surface.slice(normal=(0, 1, 0), origin=(0, 1e-6 * surface.length, 0))  # not exactly through vertices
+    cut = cut.clean(tolerance=1e-3, lines_to_points=False)
+    if not cut.n_points:
+        return
+    plotter.add_mesh(
+        cut.translate((0, -1e-3 * surface.length, 0)), name=f"{path.stem} cut", color=INK, line_width=5, lighting=False
+    )
+    if path.stem.startswith("obstacle"):
+        for number, line in enumerate(cut.strip(max_length=cut.n_points + 1).cell):
+            # where an obstacle lies on the wall or the axis its surface is open: the chord closes the face
+            face = pyvista.PolyData(line.points, faces=[line.n_points, *range(line.n_points)])
+            plotter.add_mesh(face.triangulate(), name=f"{path.stem} face {number}", color=STONE, lighting=False)
+
+
+def _look(plotter: Any, extent: tuple[float, float, float, float]) -> None:
+    """Parallel projection from the front and above, filling the image with the extent."""
+    middle = 0.5 * (extent[2] + extent[3])
+    away = 10 * (extent[3] - extent[2] + extent[1])
+    eye = (0.0, -away * np.cos(ELEVATION), middle + away * np.sin(ELEVATION))
+    plotter.camera_position = [eye, (0.0, 0.0, middle), (0.0, 0.0, 1.0)]
+    plotter.enable_parallel_projection()
+    plotter.camera.parallel_scale = 0.5 * (extent[3] - extent[2]) * np.cos(ELEVATION)
+    plotter.reset_camera_clipping_range()
+
+
+@contextmanager
+def _quiet_vtk() -> Iterator[None]:
+    """Without an X server VTK warns on stderr before it takes EGL; that is no news to the user."""
+    from vtkmodules.vtkCommonCore import vtkLogger
+
+    before = vtkLogger.GetCurrentVerbosityCutoff()
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
+    try:
+        yield
+    finally:
+        vtkLogger.SetStderrVerbosity(before)
+
+
+def _vessel_panels(
+    images: Sequence[Any], extent: tuple[float, float, float, float], colours: Mapping[str, tuple[Any, str, Any]]
+) -> Figure:
+    """The images side by side, with the scale of the cut and a colour bar over each."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    shape = (extent[3] - extent[2]) * np.cos(ELEVATION) / (extent[1] - extent[0])
+    tall = min(7.0, 3.5 * shape)
+    figure, axes = _sheet([max(1.6, tall / shape)] * len(images), tall)
+    for axis, image, (title, (_, colormap, limits)) in zip(axes, images, colours.items(), strict=True):
+        axis.imshow(image, extent=extent, aspect=np.cos(ELEVATION), interpolation="hanning")
+        _bar(axis, ScalarMappable(Normalize(*limits), colormap), title, "neither")
+        axis.spines[:].set_visible(False)
+        axis.tick_params(length=3, color=INK, labelleft=axis is axes[0])
+        axis.set_xlabel("x [m]")
+        axis.locator_params(axis="x", nbins=4)
+    axes[0].set_ylabel("z [m] in the plane of the cut")
+    return figure
