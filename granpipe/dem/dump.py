@@ -269,7 +269,8 @@ def _read_binary(file: BinaryIO, path: Path, size: int, columns: tuple[str, ...]
         values = np.empty(header.atoms * header.columns)
         data = values.view(np.uint8).data
         for first, count in _walk_chunks(file, path, size, header):
-            file.readinto(data[8 * first : 8 * (first + count)])  # type: ignore[attr-defined]
+            if file.readinto(data[8 * first : 8 * (first + count)]) != 8 * count:  # type: ignore[attr-defined]
+                raise DataError(f"{path}: shortened while step {header.step} was read, near byte {file.tell()}")
         yield _checked(Snapshot(header.step, header.box, columns, values.reshape(-1, header.columns)), path)
 
 

@@ -17,12 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granpipe.field import Array, Grid
+from granpipe.field import Array, Grid, Mask
 
 Index = NDArray[np.int64]
 
 _LEAST_DISTANCE = 1e-30
 _LEAST_K2 = 1e-200  # root far below the least distance
+_NEAR_AXIS = 0.25  # part of a sphere's radius
 _CHUNK = 1 << 15  # lens evaluations at a time: bounds the memory, and fits the cache
 
 
@@ -53,24 +54,28 @@ def deposit(position: Array, radius: Array, velocity: Array, grid: Grid, points:
     velocity : (n, 3) [m/s]
     points : Gauss points over the height of each cell
     """
+    spheres = _cylindrical(position, radius, velocity)
     rows, columns = grid.shape
-    volume, flow_r, flow_z = np.zeros((rows, columns)), np.zeros((rows, columns + 1)), np.zeros((rows + 1, columns))
-    # on the axis itself no direction is radial; what crosses a ring there cancels over the circle
-    axis_distance = np.maximum(np.hypot(position[:, 0], position[:, 1]), _LEAST_DISTANCE)
-    radial_velocity = (velocity[:, :2] * position[:, :2]).sum(axis=1) / axis_distance
-    gauss = np.polynomial.legendre.leggauss(points)
-    for chunk in _chunks(position[:, 2], radius, grid, points):
-        z, a, D = position[chunk, 2], radius[chunk], axis_distance[chunk]
-        owner, row, height, weight = _slab_points(z, a, grid, gauss)
-        slices = _slices(owner, row, height, z, a, D)
-        first, parts, arcs = _ring_parts(slices, grid, weight, weight * radial_velocity[chunk][owner])
-        volume[first : first + len(parts)] += parts
-        flow_r[first : first + len(arcs)] += arcs
-        owner, level = _levels(z, a, grid)
-        slices = _slices(owner, level, grid.z_edges[level], z, a, D)
-        first, parts, _ = _ring_parts(slices, grid, velocity[chunk, 2][owner])
-        flow_z[first : first + len(parts)] += parts
-    return Deposit(volume, flow_r, flow_z)
+    total = Deposit(np.zeros((rows, columns)), np.zeros((rows, columns + 1)), np.zeros((rows + 1, columns)))
+    # where a sphere's axis is nearly that of the vessel its discs appear and vanish in whole rings: rare, but three
+    # points are then off by up to 0.24 % of the sphere in a cell
+    near_axis = spheres.distance < _NEAR_AXIS * radius
+    _add(spheres.chosen(~near_axis), grid, points, total)
+    _add(spheres.chosen(near_axis), grid, 3 * points, total)
+    return total
+
+
+class _Spheres(NamedTuple):
+    """Spheres as the axis sees them, each (n,): centre's height and axis distance, radius [m], velocity [m/s]."""
+
+    z: Array
+    distance: Array
+    radius: Array
+    radial_velocity: Array
+    vertical_velocity: Array
+
+    def chosen(self, which: Index | Mask) -> _Spheres:
+        return _Spheres(*(values[which] for values in self))
 
 
 class _Slices(NamedTuple):
@@ -81,19 +86,44 @@ class _Slices(NamedTuple):
     radius: Array
 
 
-def _slices(owner: Index, row: Index, height: Array, z: Array, a: Array, D: Array) -> _Slices:
-    """Discs at `height` of the spheres `owner` of centres z, radii a and axis distances D."""
-    return _Slices(row, D[owner], np.sqrt(np.maximum(a[owner] ** 2 - (height - z[owner]) ** 2, 0)))
+def _cylindrical(position: Array, radius: Array, velocity: Array) -> _Spheres:
+    # on the axis itself no direction is radial; what crosses a ring there cancels over the circle
+    distance = np.maximum(np.hypot(position[:, 0], position[:, 1]), _LEAST_DISTANCE)
+    radial_velocity = (velocity[:, 0] * position[:, 0] + velocity[:, 1] * position[:, 1]) / distance
+    return _Spheres(position[:, 2], distance, radius, radial_velocity, velocity[:, 2])
 
 
-def _chunks(height: Array, radius: Array, grid: Grid, points: int) -> Iterator[Index]:
+def _add(spheres: _Spheres, grid: Grid, points: int, total: Deposit) -> None:
+    """Add spheres to the deposit, with the same number of Gauss points for all."""
+    gauss = np.polynomial.legendre.leggauss(points)
+    for chunk in _chunks(spheres, grid, points):
+        lot = spheres.chosen(chunk)
+        owner, row, height, weight = _slab_points(lot, grid, gauss)
+        arc_weight = weight * lot.radial_velocity[owner]
+        first, parts, arcs = _ring_parts(_slices(lot, owner, row, height), grid, weight, arc_weight)
+        total.volume[first : first + len(parts)] += parts
+        total.flow_r[first : first + len(arcs)] += arcs
+        owner, level = _levels(lot, grid)
+        slices = _slices(lot, owner, level, grid.z_edges[level])
+        first, parts, _ = _ring_parts(slices, grid, lot.vertical_velocity[owner])
+        total.flow_z[first : first + len(parts)] += parts
+
+
+def _chunks(spheres: _Spheres, grid: Grid, points: int) -> Iterator[Index]:
     """Yield indices of the spheres that touch the grid, from below, in lots of about `_CHUNK` lens evaluations."""
-    touching = np.flatnonzero((height + radius > grid.z_edges[0]) & (height - radius < grid.z_edges[-1]))
-    touching = touching[np.argsort(height[touching])]  # a lot then fills few rows
+    z, radius = spheres.z, spheres.radius
+    touching = np.flatnonzero((z + radius > grid.z_edges[0]) & (z - radius < grid.z_edges[-1]))
+    touching = touching[np.argsort(z[touching])]  # a lot then fills few rows
     across = 2 * radius[touching] / grid.cell + 1
     cost = np.minimum(across, grid.shape[0]) * (points + 1) * np.minimum(across, grid.shape[1])
     lot = (np.cumsum(cost) / _CHUNK).astype(np.int64)
     yield from np.split(touching, np.flatnonzero(np.diff(lot)) + 1) if len(touching) else ()
+
+
+def _slices(spheres: _Spheres, owner: Index, row: Index, height: Array) -> _Slices:
+    """Discs of the spheres `owner` at heights [m]."""
+    square = spheres.radius[owner] ** 2 - (height - spheres.z[owner]) ** 2
+    return _Slices(row, spheres.distance[owner], np.sqrt(np.maximum(square, 0)))
 
 
 def _spans(first: Index, last: Index) -> tuple[Index, Index]:
@@ -104,27 +134,31 @@ def _spans(first: Index, last: Index) -> tuple[Index, Index]:
     return owner, np.arange(len(owner)) + (first - start)[owner]
 
 
-def _slab_points(
-    height: Array, radius: Array, grid: Grid, gauss: tuple[Array, Array]
-) -> tuple[Index, Index, Array, Array]:
-    """Gauss points of every sphere in every row that it touches: owner, row, z and weight [m]."""
-    bottom, cell = grid.z_edges[0], grid.cell
-    first = np.maximum(np.floor((height - radius - bottom) / cell).astype(np.int64), 0)
-    last = np.minimum(np.floor((height + radius - bottom) / cell).astype(np.int64), grid.shape[0] - 1)
-    owner, row = _spans(first, last)
-    low = np.maximum(grid.z_edges[row], (height - radius)[owner])
-    half = 0.5 * np.maximum(np.minimum(grid.z_edges[row + 1], (height + radius)[owner]) - low, 0)
+def _slab_points(spheres: _Spheres, grid: Grid, gauss: tuple[Array, Array]) -> tuple[Index, Index, Array, Array]:
+    """Gauss points of every sphere in every row that it touches: owner, row, height and weight [m]."""
+    low, high = spheres.z - spheres.radius, spheres.z + spheres.radius
+    owner, row = _spans(
+        np.maximum(_floor((low - grid.z_edges[0]) / grid.cell), 0),
+        np.minimum(_floor((high - grid.z_edges[0]) / grid.cell), grid.shape[0] - 1),
+    )
+    start = np.maximum(grid.z_edges[row], low[owner])
+    half = 0.5 * np.maximum(np.minimum(grid.z_edges[row + 1], high[owner]) - start, 0)
     node, weight = gauss
-    z = (low + half)[:, None] + half[:, None] * node
-    return np.repeat(owner, len(node)), np.repeat(row, len(node)), z.ravel(), (half[:, None] * weight).ravel()
+    height = (start + half)[:, None] + half[:, None] * node
+    return np.repeat(owner, len(node)), np.repeat(row, len(node)), height.ravel(), (half[:, None] * weight).ravel()
 
 
-def _levels(height: Array, radius: Array, grid: Grid) -> tuple[Index, Index]:
+def _levels(spheres: _Spheres, grid: Grid) -> tuple[Index, Index]:
     """Every level that cuts a sphere: (owner, level)."""
     bottom, cell = grid.z_edges[0], grid.cell
-    first = np.maximum(np.ceil((height - radius - bottom) / cell).astype(np.int64), 0)
-    last = np.minimum(np.floor((height + radius - bottom) / cell).astype(np.int64), grid.shape[0])
-    return _spans(first, last)
+    return _spans(
+        np.maximum(_floor((spheres.z - spheres.radius - bottom) / cell) + 1, 0),
+        np.minimum(_floor((spheres.z + spheres.radius - bottom) / cell), grid.shape[0]),
+    )
+
+
+def _floor(values: Array) -> Index:
+    return np.floor(values).astype(np.int64)
 
 
 def _ring_parts(
@@ -150,8 +184,8 @@ def _ring_parts(
     base = (row - first_row) * edges
     # a centre inside the outermost radius keeps its disc: the outermost edge then does not cut it
     outermost = np.where(grid.r_edges[-1] >= D, edges - 2, edges - 1)
-    first = np.maximum(np.floor((D - s) / cell).astype(np.int64) + 1, 1)
-    last = np.minimum(np.ceil((D + s) / cell).astype(np.int64) - 1, outermost)
+    first = np.maximum(_floor((D - s) / cell) + 1, 1)
+    last = np.minimum(_floor((D + s) / cell), outermost)
     whole = np.where(first < edges, weight * np.pi * s**2, 0)  # otherwise the disc lies outside the grid
 
     def scatter(at: Index, amount: Array) -> Array:
