@@ -289,7 +289,7 @@ def _dem_lines(plan: Plan) -> list[str]:
         *lines,
         "",
         f"particles {dem.particles} in {len(dem.classes.radius)} size classes",
-        f"steps     {dem.steps} of {dem.time_step:.3g} s: {dem.duration:.4g} s of production in {dem.segments} segments",
+        f"steps     {dem.steps} of {dem.time_step:.3g} s: {dem.duration:.4g} s in {dem.segments} segments",
         f"cost      {plan.particle_steps:.3g} particle-steps, about {cost} on {dem.ranks} ranks",
         f"disk      {plan.disk_bytes / 1e6:.3g} MB at the most",
         "",

@@ -20,7 +20,7 @@ from granpipe.quality import Gate
 from granpipe.store import key_of, publishing
 
 if TYPE_CHECKING:
-    from granpipe.fluid.stokes import FluidSolution
+    from granpipe.fluid.fictitious import FluidSolution
     from granpipe.simulate import Production
 
 _VERSION = 1

@@ -90,6 +90,7 @@ class Deck:
     fill_meshes: tuple[str, ...]
     feed: Slab
     feed_seed: int
+    feed_speed: float
     slabs: tuple[Slab, ...]
     insert_every: int
     insert_fraction: float
@@ -101,6 +102,7 @@ class Deck:
     settle_chunks: int
     rest_energy: float
     plate_speed: float
+    catcher_depth: float
     dump_every: int
     segment_steps: int
 
@@ -166,6 +168,7 @@ def make_deck(
         fill_meshes=(*vessel, "plate"),
         feed=_slab("feed", feed[0], 0),
         feed_seed=next(seeds),
+        feed_speed=4 * settings.inlet_speed,  # loose as it is, the feed must outrun the bed that it tops up
         slabs=tuple(_slab(f"fill{i + 1}", piece, next(seeds)) for i, piece in enumerate(bed)),
         insert_every=insert_every,
         insert_fraction=INSERT_FRACTION,
@@ -177,6 +180,7 @@ def make_deck(
         settle_chunks=100,
         rest_energy=0.5 * (0.005 * math.sqrt(GRAVITY * classes.sauter_diameter)) ** 2,
         plate_speed=settings.plate_speed,
+        catcher_depth=4 * classes.largest,
         dump_every=settings.dump_every,
         segment_steps=settings.segment_steps,
     )

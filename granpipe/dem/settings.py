@@ -94,6 +94,7 @@ class Settings:
     rayleigh_time: float
     time_step: float
     plate_speed: float
+    inlet_speed: float
     open_outlet: bool
     feed_bottom: float
     feed_top: float
@@ -147,6 +148,7 @@ def choose(case: Case, vessel: Vessel) -> Settings:
         rayleigh_time=rayleigh,
         time_step=step,
         plate_speed=0.0 if open_outlet else speed,
+        inlet_speed=speed * (vessel.outlet_radius / vessel.inlet_radius) ** 2,
         open_outlet=open_outlet,
         feed_bottom=level - feed / 2,  # it holds half its height of bed when it is content
         feed_top=level + feed / 2,

@@ -204,3 +204,14 @@ def test_output_without_end_is_cut_off(tmp_path: Path) -> None:
     ):
         list(process.wait())
     assert (tmp_path / "output.txt").stat().st_size <= 64_000_000
+
+
+def test_free_discharge_closes_its_balance_and_is_fed_as_fast_as_it_flows(tiny: Path, tmp_path: Path) -> None:
+    changes = {"dem.outlet": "open", "outline.wall": "[[6, 10], [6, 6], [5, 0]]", "dem.plate_speed": "auto"}
+    outcome, _ = run(read_case(tiny, changes), tmp_path / "results")
+    figures = provenance(outcome.folder)["figures"]
+    segments = sorted((tmp_path / "results" / ".store").glob("produce-*/segment-*/segment.json"))
+    last = json.loads(segments[-1].read_text())
+    assert last["discharged"] > figures["inserted_to_settle"]  # the whole bed has been renewed
+    assert last["particles"] > 0.8 * figures["inserted_to_settle"]
+    assert [gate for gate in outcome.failed if "raw flow" in gate.name] == []
