@@ -1,0 +1,204 @@
+"""Outline → triangle mesh of the r–z half section, by gmsh, graded to the corners of the wall."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from granpipe.errors import MeshError
+from granpipe.field import Array, Mask
+from granpipe.geometry.element_size import TOLERANCE, element_size
+from granpipe.geometry.segments import chain, distance_to, nearest_points
+from granpipe.rzmesh import Index, Names, RZMesh
+
+
+def mesh_section(
+    wall: Array,
+    obstacles: Mapping[str, Array],
+    sections: Mapping[str, tuple[float, float]],
+    *,
+    cells_across: float = 10.0,
+    corner_refinement: float = 10.0,
+) -> RZMesh:
+    """Mesh the space between axis, wall and obstacles.
+
+    Parameters
+    ----------
+    wall : (n, 2) r and z of the wall from the top down [m]
+    obstacles : closed polygons (m, 2) [m]; they may lie on the wall, on the axis or be free rings
+    sections : upper and lower end of each section [m]
+    cells_across : elements from the axis to the wall, away from corners; half as many fit between two walls
+    corner_refinement : how much smaller the elements at corners are
+
+    Returns
+    -------
+    The part of the section that joins inlet and outlet; pockets that obstacles close off are left out.
+    """
+    scale = 2.0 ** np.round(np.log2(wall[:, 0].max()))  # a power of two: scaling loses no digit
+    heights = _law_heights(wall, obstacles, sections)
+    drawing = _Drawing(
+        _with_heights(wall, heights) / scale,
+        {name: ring / scale for name, ring in obstacles.items()},
+        {name: (top / scale, bottom / scale) for name, (top, bottom) in sections.items()},
+        heights / scale,
+    )
+    points, triangles = _triangulate(drawing, cells_across, corner_refinement)
+    edges = _boundary(triangles)
+    names = drawing.names(points[edges].mean(axis=1))
+    points[edges[names == "axis"], 0] = 0.0
+    return RZMesh(points * scale, triangles, edges, names)
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    """The outline in units of the vessel's size; it knows what every boundary point belongs to."""
+
+    wall: Array
+    obstacles: Mapping[str, Array]
+    sections: Mapping[str, tuple[float, float]]
+    law_heights: Array
+
+    def names(self, points: Array) -> Names:
+        """(n,) what each boundary point (n, 2) belongs to."""
+        piece = nearest_points(points, chain(self.wall))[0].argmin(axis=1)
+        names = np.array([self._wall_name(i, z) for i, z in zip(piece, points[:, 1], strict=True)], dtype="U80")
+        for name, (radius, z) in {"inlet": self.wall[0], "outlet": self.wall[-1]}.items():
+            names[(np.abs(points[:, 1] - z) < TOLERANCE) & (points[:, 0] < radius)] = name
+        names[points[:, 0] < TOLERANCE] = "axis"
+        for name, ring in self.obstacles.items():
+            names[distance_to(points, chain(ring, closed=True)) < TOLERANCE] = f"obstacle:{name}"
+        return names
+
+    def _wall_name(self, piece: int, z: float) -> str:
+        for name, (top, bottom) in self.sections.items():
+            if bottom - TOLERANCE <= z <= top + TOLERANCE:
+                return f"wall:{name}"
+        return f"wall:{piece + 1}"
+
+
+def _law_heights(wall: Array, obstacles: Mapping[str, Array], sections: Mapping[str, tuple[float, float]]) -> Array:
+    """(n,) heights where the wall's speed may jump [m]: ends of sections; level edges, where the free area jumps."""
+    sides = np.concatenate([chain(wall), *(chain(ring, closed=True) for ring in obstacles.values())])
+    level = sides[:, 0, 1] == sides[:, 1, 1]
+    return np.unique([*sides[level, 0, 1], *(z for ends in sections.values() for z in ends)])
+
+
+def _with_heights(wall: Array, heights: Array) -> Array:
+    """The wall with a point wherever it crosses one of the heights."""
+    near = TOLERANCE * wall[:, 0].max()
+    points = [wall[0]]
+    for start, end in chain(wall):
+        part = (heights[heights != start[1]] - start[1]) / (end[1] - start[1]) if end[1] != start[1] else np.empty(0)
+        margin = near / np.linalg.norm(end - start)
+        crossed = np.sort(part[(part > margin) & (part < 1 - margin)])
+        points += [*(start + crossed[:, None] * (end - start)), end]
+    return np.array(points)
+
+
+# --- gmsh -------------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def _gmsh() -> Iterator[None]:
+    """A gmsh session that prints nothing and handles no signals; its failures become MeshError."""
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("General.NumThreads", 1)  # the same mesh on every machine
+        for source in ("FromPoints", "ExtendFromBoundary", "FromCurvature"):
+            gmsh.option.setNumber(f"Mesh.MeshSize{source}", 0)
+        gmsh.option.setNumber("Mesh.LcIntegrationPrecision", 1e-4)  # the default asks for 20 times the calls
+        yield
+    except MeshError:
+        raise
+    except Exception as error:  # gmsh raises nothing more special
+        raise MeshError(f"gmsh could not mesh the r–z section ({error}): look for walls that nearly touch") from error
+    finally:
+        gmsh.finalize()
+
+
+def _triangulate(drawing: _Drawing, cells_across: float, corner_refinement: float) -> tuple[Array, Index]:
+    """Points (n, 2) and triangles (m, 3), counter-clockwise, of the part that joins inlet and outlet."""
+    import gmsh
+
+    with _gmsh():
+        face, segments = _passage(drawing)
+        names = drawing.names(segments.mean(axis=1))
+        end = (names == "inlet") | (names == "outlet")
+        size = element_size(segments, names == "axis", end, drawing.law_heights, cells_across, corner_refinement)
+        gmsh.model.mesh.setSizeCallback(lambda dim, tag, r, z, y, lc: size.at(r, z))
+        gmsh.model.mesh.generate(2)
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        _, corners = gmsh.model.mesh.getElementsByType(2, face)
+    order = np.argsort(tags)
+    used, triangles = np.unique(order[np.searchsorted(tags, corners, sorter=order)], return_inverse=True)
+    points = coordinates.reshape(-1, 3)[used, :2]
+    return points, _counter_clockwise(points, triangles.reshape(-1, 3))
+
+
+def _passage(drawing: _Drawing) -> tuple[int, Array]:
+    """gmsh's face that joins inlet and outlet, and its boundary (k, 2, 2) with the inside on the left."""
+    import gmsh
+
+    on_axis = drawing.wall[[0, -1]] * [0.0, 1.0]
+    shell = _polygon(np.vstack([on_axis[:1], drawing.wall, on_axis[1:]]))
+    if drawing.obstacles:
+        gmsh.model.occ.cut([(2, shell)], [(2, _polygon(ring)) for ring in drawing.obstacles.values()])
+    gmsh.model.occ.synchronize()
+    for _, face in gmsh.model.getEntities(2):
+        segments = _sides(face)
+        if {"inlet", "outlet"} <= set(drawing.names(segments.mean(axis=1))):
+            return face, segments
+    raise MeshError("the obstacles leave no way from the inlet to the outlet: move or shrink one")
+
+
+def _polygon(points: Array) -> int:
+    """A plane face in gmsh with these corners (n, 2)."""
+    import gmsh
+
+    model = gmsh.model.occ
+    corners = [model.addPoint(r, z, 0) for r, z in points]
+    lines = [model.addLine(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+    return int(model.addPlaneSurface([model.addCurveLoop(lines)]))
+
+
+def _sides(face: int) -> Array:
+    """(k, 2, 2) the straight sides of one of gmsh's faces, the inside on their left."""
+    import gmsh
+
+    curves = gmsh.model.getBoundary([(2, face)], oriented=False)
+    ends = [[gmsh.model.getValue(0, tag, []) for _, tag in gmsh.model.getBoundary([curve])] for curve in curves]
+    segments = np.array(ends)[:, :, :2]
+    along = segments[:, 1] - segments[:, 0]
+    to_left = 1e-4 * np.stack([-along[:, 1], along[:, 0]], axis=1)
+    wrong = ~_enclosed(segments.mean(axis=1) + to_left, segments)
+    segments[wrong] = segments[wrong, ::-1]
+    return segments
+
+
+def _enclosed(points: Array, segments: Array) -> Mask:
+    """(n,) which points lie inside the boundary that the segments (k, 2, 2) make, by the even–odd rule."""
+    (r0, z0), (r1, z1) = segments.transpose(1, 2, 0)
+    r, z = points[:, :1], points[:, 1:]
+    spans = (z0 > z) != (z1 > z)
+    slope = np.divide(r1 - r0, z1 - z0, out=np.zeros_like(r0), where=z1 != z0)
+    return np.asarray((spans & (r < r0 + (z - z0) * slope)).sum(axis=1) % 2 == 1)
+
+
+def _counter_clockwise(points: Array, triangles: Index) -> Index:
+    """The triangles (m, 3), turned where they run clockwise."""
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    clockwise = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) < (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    return np.where(clockwise[:, None], triangles[:, ::-1], triangles)
+
+
+def _boundary(triangles: Index) -> Index:
+    """(k, 2) edges that only one triangle has, in its direction."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    _, first, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
+    return np.asarray(edges[first[count == 1]])

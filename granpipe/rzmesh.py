@@ -1,0 +1,67 @@
+"""The triangle mesh of an r–z half section: what the mesher hands to the fluid and the exporters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granpipe.field import Array, Mask
+
+Index = NDArray[np.int64]
+Names = NDArray[np.str_]
+
+
+@dataclass(frozen=True)
+class RZMesh:
+    """Triangles of the r–z half section, with a name on every boundary edge.
+
+    Names: ``axis``, ``inlet``, ``outlet``, ``wall:<section>`` (or ``wall:<piece>``, counted from the top, where the
+    outline has no sections) and ``obstacle:<name>``.
+
+    Parameters
+    ----------
+    points : (n, 2) r and z [m]
+    triangles : (m, 3) points of each triangle, counter-clockwise
+    edges : (k, 2) points of each boundary edge, the inside on its left
+    names : (k,) name of each boundary edge
+    """
+
+    points: Array
+    triangles: Index
+    edges: Index
+    names: Names
+
+    def named(self, prefix: str) -> Mask:
+        """(k,) True for the edges whose name is `prefix`, or starts with ``<prefix>:``."""
+        return np.asarray((self.names == prefix) | np.char.startswith(self.names, f"{prefix}:"))
+
+    def ends(self) -> Array:
+        """(k, 2, 2) [edge, end, (r, z)] coordinates of the boundary edges [m]."""
+        return np.asarray(self.points[self.edges])
+
+    def normals(self) -> Array:
+        """(k, 2) outward unit normals (r, z) of the boundary edges."""
+        along = np.diff(self.ends(), axis=1)[:, 0]
+        outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
+        return np.asarray(outward / np.hypot(*outward.T)[:, None])
+
+    def free_area(self, z: Array) -> Array:
+        """(...) horizontal free cross-section Ω at the heights `z` [m²], from the boundary edges that cross them.
+
+        Each edge that the level cuts counts ±π r², positive where the inside lies towards the axis. At a height where
+        Ω jumps the value is that just above.
+        """
+        (r0, z0), (r1, z1) = self.ends().transpose(1, 2, 0)
+        level = np.asarray(z)[..., None]
+        rising = (z0 <= level) & (level < z1)
+        falling = (z1 <= level) & (level < z0)
+        part = np.divide(level - z0, z1 - z0, out=np.zeros(np.broadcast(level, z0).shape), where=z0 != z1)
+        radius = r0 + part * (r1 - r0)
+        return np.asarray(np.pi * np.sum((rising * 1.0 - falling) * radius**2, axis=-1))
+
+    def flow_area(self, name: str) -> float:
+        """Horizontal area of the edges called `name` [m²]."""
+        radii = self.ends()[self.named(name), :, 0]
+        return float(np.pi * np.abs(np.diff(radii**2, axis=1)).sum())
