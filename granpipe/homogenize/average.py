@@ -175,7 +175,6 @@ class Collector:
 
     def _begin(self) -> None:
         """Empty the sums; the present last snapshot is the beginning of the segment."""
-        self._samples: list[tuple[float, float, Deposit, float, int]] = []
         self._first = self._last
         self._first_volume = self._last_volume
         rows, columns = self.grid.shape
@@ -187,14 +186,15 @@ class Collector:
         """Take one snapshot, later than all before it."""
         if self._last is not None and time <= self._last[0]:
             raise DataError(f"a snapshot at {time:g} s comes after one at {self._last[0]:g} s")
+        volume = None
         if self.sampling == "velocity":
             position, velocity, radius = particles.position, particles.velocity, particles.radius
             sample = deposit(position, radius, velocity, self.grid, self.points)
             self._take(time, 1.0, sample, position[:, 2], radius, velocity)
-            self._last_volume = sample.volume
+            volume = sample.volume
         elif self._last is not None:
             self._add_pair(self._last[0], self._last[1], time, particles)
-        self._last = time, particles
+        self._last, self._last_volume = (time, particles), volume
         if self._first is None:
             self._first, self._first_volume = self._last, self._last_volume
 
