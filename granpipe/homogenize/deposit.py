@@ -11,7 +11,8 @@ rate of change of the deposited volume, up to quadrature in z: ∂V/∂t + ∇·
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -60,8 +61,9 @@ def deposit(position: Array, radius: Array, velocity: Array, grid: Grid, points:
     # where a sphere's axis is nearly that of the vessel its discs appear and vanish in whole rings: rare, but three
     # points are then off by up to 0.24 % of the sphere in a cell
     near_axis = spheres.distance < _NEAR_AXIS * radius
-    _add(spheres.chosen(~near_axis), grid, points, total)
-    _add(spheres.chosen(near_axis), grid, 3 * points, total)
+    add = _kernel()
+    add(spheres.chosen(~near_axis), grid, points, total)
+    add(spheres.chosen(near_axis), grid, 3 * points, total)
     return total
 
 
@@ -93,8 +95,25 @@ def _cylindrical(position: Array, radius: Array, velocity: Array) -> _Spheres:
     return _Spheres(position[:, 2], distance, radius, radial_velocity, velocity[:, 2])
 
 
-def _add(spheres: _Spheres, grid: Grid, points: int, total: Deposit) -> None:
+@cache
+def _kernel() -> Callable[[_Spheres, Grid, int, Deposit], None]:
+    """The compiled kernel where numba is installed, otherwise numpy's."""
+    try:
+        import granpipe.homogenize.deposit_numba  # noqa: F401
+    except ImportError:
+        return _add
+    return _add_compiled
+
+
+def _add_compiled(spheres: _Spheres, grid: Grid, points: int, total: Deposit) -> None:
     """Add spheres to the deposit, with the same number of Gauss points for all."""
+    from granpipe.homogenize.deposit_numba import add
+
+    add(*spheres, grid.r_edges, grid.z_edges, *np.polynomial.legendre.leggauss(points), *total)
+
+
+def _add(spheres: _Spheres, grid: Grid, points: int, total: Deposit) -> None:
+    """The same by numpy alone."""
     gauss = np.polynomial.legendre.leggauss(points)
     for chunk in _chunks(spheres, grid, points):
         lot = spheres.chosen(chunk)

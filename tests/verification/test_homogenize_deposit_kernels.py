@@ -1,0 +1,34 @@
+"""The compiled kernel against numpy's."""
+
+import numpy as np
+import pytest
+
+from granpipe.field import Grid
+from granpipe.homogenize import deposit as module
+
+pytest.importorskip("numba")
+
+
+@pytest.mark.parametrize(("cell", "points"), [(0.015, 3), (0.004, 2), (0.1, 5)])
+def test_compiled_and_numpy_kernels_agree_to_rounding(cell, points):
+    rng = np.random.default_rng(8)
+    count = 500
+    distance = 0.62 * np.sqrt(rng.random(count))
+    distance[:50] = rng.uniform(0, 0.02, 50)
+    distance[0] = 0
+    angle = rng.uniform(0, 2 * np.pi, count)
+    position = np.column_stack([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(-0.1, 1, count)])
+    spheres = module._cylindrical(position, rng.uniform(0.01, 0.05, count), rng.normal(size=(count, 3)))
+    grid = Grid.covering(0.6, 0.0, 0.9, cell)
+    rows, columns = grid.shape
+    results = []
+    for add in (module._add, module._add_compiled):
+        total = module.Deposit(np.zeros((rows, columns)), np.zeros((rows, columns + 1)), np.zeros((rows + 1, columns)))
+        add(spheres, grid, points, total)
+        results.append(total)
+    for one, other in zip(*results, strict=True):
+        assert np.abs(one - other).max() < 1e-13 * np.abs(one).max()
+
+
+def test_the_compiled_kernel_is_chosen_where_numba_is_installed():
+    assert module._kernel() is module._add_compiled
