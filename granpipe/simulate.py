@@ -32,6 +32,7 @@ REPOSE = np.radians(30)
 """Angle of repose that limits where filling can reach; only the first bed depends on it."""
 
 _KEPT_RESTARTS = 2
+_AT_ONCE = 8  # snapshots
 _VERSION = 1
 
 
@@ -247,9 +248,10 @@ class _Watch:
         self.count = 0
 
     def look(self, status: Status) -> None:
-        """Take in what has appeared since the last look."""
-        while self._take_snapshot(status):
-            pass
+        """Take in what has appeared since the last look, but not so much that the output goes unread."""
+        for _ in range(_AT_ONCE):
+            if not self._take_snapshot(status):
+                break
         done = (status.step - self.start_step) / max(1, self.settings.steps - self.start_step)
         if 0 < done <= 1:
             left = (time.monotonic() - self.started) * (1 - done) / done
@@ -260,7 +262,8 @@ class _Watch:
 
     def finish(self, status: Status) -> None:
         """The last look, after LIGGGHTS has ended well."""
-        self.look(status)
+        while self._take_snapshot(status):
+            pass
         _check_balance(self.present + status.inserted, status.discharged, status.particles, "production")
         if self.segment <= self.settings.segments:
             raise RunError(f"LIGGGHTS ended without the snapshots of segment {self.segment}; see {self.work}")

@@ -207,11 +207,11 @@ def test_output_without_end_is_cut_off(tmp_path: Path) -> None:
 
 
 def test_free_discharge_closes_its_balance_and_is_fed_as_fast_as_it_flows(tiny: Path, tmp_path: Path) -> None:
-    changes = {"dem.outlet": "open", "outline.wall": "[[6, 10], [6, 6], [5, 0]]", "dem.plate_speed": "auto"}
+    changes = {"dem.outlet": "open", "outline.wall": "[[6, 10], [6, 6], [5, 0]]", "material.size.diameter": "1.4 cm"}
     outcome, _ = run(read_case(tiny, changes), tmp_path / "results")
     figures = provenance(outcome.folder)["figures"]
     segments = sorted((tmp_path / "results" / ".store").glob("produce-*/segment-*/segment.json"))
     last = json.loads(segments[-1].read_text())
     assert last["discharged"] > figures["inserted_to_settle"]  # the whole bed has been renewed
-    assert last["particles"] > 0.8 * figures["inserted_to_settle"]
+    assert last["particles"] > 0.7 * figures["inserted_to_settle"]
     assert [gate for gate in outcome.failed if "raw flow" in gate.name] == []
