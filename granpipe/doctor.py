@@ -95,11 +95,25 @@ class Finding:
 
 def check(folder: Path | None = None) -> list[Finding]:
     """Look at everything, in a few seconds at most; `folder` is where results would go (default: the present one)."""
-    programs: list[Callable[[], Finding]] = [_liggghts, _mpirun, _gmsh, _egl]
-    with ThreadPoolExecutor(len(programs)) as pool:
-        started = [pool.submit(program) for program in programs]
-        here = [_python(), *(_package(name) for name in PACKAGES), _disk(folder or Path()), _cores()]
-        return [*(future.result() for future in started), *here]
+    here = [_python(), *(_package(name) for name in PACKAGES), _disk(folder or Path()), _cores()]
+    return [*_try(*_TRIED), *here]
+
+
+def require(*names: str) -> None:
+    """RunError if one of these does not work (names of findings: LIGGGHTS, mpirun, gmsh library, EGL library).
+
+    To be called before a run: without EGL, for one, VTK ends the whole process when it draws, after all the work.
+    """
+    missing = [finding for finding in _try(*names) if finding.found is None]
+    if missing:
+        raise RunError(
+            "; ".join(f"{one.name} is missing, needed for {one.needed_for}: {one.remedy}" for one in missing)
+        )
+
+
+def _try(*names: str) -> list[Finding]:
+    with ThreadPoolExecutor(len(names)) as pool:
+        return list(pool.map(lambda name: _TRIED[name](), names))
 
 
 def _python() -> Finding:
@@ -176,3 +190,12 @@ def _output(command: list[str]) -> tuple[str | None, str]:
         return None, f"{command[0]}: {error.strerror}"
     complaint = (done.stderr.strip().splitlines() or [""])[-1]
     return (done.stdout.strip() or None, complaint) if done.returncode == 0 else (None, complaint)
+
+
+_TRIED: dict[str, Callable[[], Finding]] = {
+    "LIGGGHTS": _liggghts,
+    "mpirun": _mpirun,
+    "gmsh library": _gmsh,
+    "EGL library": _egl,
+}
+"""What is tried by running it, by the name of its finding."""

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from granpipe import doctor
-from granpipe.doctor import check
+from granpipe.doctor import check, require
+from granpipe.errors import RunError
 
 ROOT = Path(__file__).parents[2]
 
@@ -88,3 +89,11 @@ def test_an_absent_package_is_missing_and_a_present_one_has_its_version(monkeypa
     monkeypatch.setitem(doctor.PACKAGES, "granpipe-nonexistent", "nothing")
     assert doctor._package("granpipe-nonexistent").found is None
     assert re.match(r"\d+\.\d+", doctor._package("numpy").found or "")
+
+
+def test_what_a_run_requires_is_refused_with_every_remedy(bin_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_EGL", "raise OSError('libEGL.so.1: cannot open shared object file')")
+    require("LIGGGHTS", "mpirun")
+    (bin_folder / "mpirun").unlink()
+    with pytest.raises(RunError, match=r"mpirun is missing.*openmpi-bin.*EGL library is missing.*libegl1"):
+        require("LIGGGHTS", "mpirun", "EGL library")
