@@ -63,10 +63,14 @@ class _Line:
     slope: float
 
     @classmethod
-    def beside(cls, low: Sequence[float], high: Sequence[float], distance: float) -> _Line:
-        """The line through two points (r, z), moved outwards by a distance perpendicular to itself."""
-        slope = (high[0] - low[0]) / (high[1] - low[1])
-        return cls(low[0] + distance * hypot(1.0, slope), low[1], slope)
+    def through(cls, low: Sequence[float], high: Sequence[float]) -> _Line:
+        """The line through two points (r, z)."""
+        return cls(low[0], low[1], (high[0] - low[0]) / (high[1] - low[1]))
+
+    def moved(self, distance: float) -> tuple[_Line, float]:
+        """The line moved outwards by a distance perpendicular to itself, and how much each of its points rises."""
+        steep = hypot(1.0, self.slope)
+        return _Line(self.r0 + distance * steep, self.z0, self.slope), -distance * self.slope / steep
 
     def at(self, z: float) -> float:
         return self.r0 + self.slope * (z - self.z0)
@@ -136,8 +140,7 @@ def _wall(outline: Outline, top: float, bottom: float, room: _Room) -> Iterator[
     corners = outline.wall.tolist()
     for high, low in pairwise([[outline.inlet_radius, top], *corners, [outline.outlet_radius, bottom]]):
         if high[1] > low[1]:
-            edge = _Line.beside(low, high, -room.margin)
-            rise = room.margin * edge.slope / hypot(1.0, edge.slope)  # moved perpendicular to itself, it lies higher
+            edge, rise = _Line.through(low, high).moved(-room.margin)
             yield _Blocked(low[1] + rise, high[1] + rise, edge, _Line(inf, 0.0, 0.0))
             yield from (room.shadow(z + rise, edge.at(z + rise), inf) for z in (high[1], low[1]))
     for r, z in corners:
@@ -154,14 +157,21 @@ def _obstacles(outline: Outline, room: _Room) -> Iterator[_Blocked]:
         right0, right1 = right[0][0], right[1][0]
         at_axis = max(left0, left1) <= outline.tolerance
         at_wall = 0.5 * (right0 + right1) >= outline.wall_radius(0.5 * (z0 + z1)) - outline.tolerance
-        left_line = _Line(-inf, 0.0, 0.0) if at_axis else _Line.beside(*left, -room.margin)
-        right_line = _Line(inf, 0.0, 0.0) if at_wall else _Line.beside(*right, room.margin)
-        yield _Blocked(z0, z1, left_line, right_line)
-        yield room.shadow(z1, left_line.at(z1), right_line.at(z1))
+        near = _Line(-inf, 0.0, 0.0) if at_axis else _Line.through(*left)
+        far = _Line(inf, 0.0, 0.0) if at_wall else _Line.through(*right)
+        yield _Blocked(z0, z1, near, far)
+        near_grown, near_rise = near.moved(-room.margin)
+        far_grown, far_rise = far.moved(room.margin)
+        yield _Blocked(z0 + near_rise, z1 + near_rise, near_grown, near)
+        yield _Blocked(z0 + far_rise, z1 + far_rise, far, far_grown)
         yield from room.cap(z1, -inf if at_axis else left1, inf if at_wall else right1)
         on_axis, on_wall = outline.groups.joined(name, AXIS), outline.groups.joined(name, WALL)
-        yield room.shadow(z0, -inf if on_axis else left_line.at(z0), inf if on_wall else right_line.at(z0))
         yield from room.cap(z0, -inf if on_axis else left0, inf if on_wall else right0)
+        for rise in (near_rise, far_rise):
+            z = z1 + rise
+            yield room.shadow(z, near_grown.at(z), far_grown.at(z))
+            z = z0 + rise
+            yield room.shadow(z, -inf if on_axis else near_grown.at(z), inf if on_wall else far_grown.at(z))
 
 
 _Side = tuple[list[float], list[float]]
@@ -201,13 +211,13 @@ def _levels(blocked: list[_Blocked], top: float, bottom: float, tolerance: float
 def _free(blocked: list[_Blocked], low: float, high: float, tolerance: float) -> list[Frustum]:
     """What the blocked trapezoids leave free between two levels."""
     middle = 0.5 * (low + high)
-    active = [b for b in blocked if b.z_low < middle < b.z_high]
+    active = [b for b in blocked if b.z_low < middle < b.z_high and b.left.at(middle) < b.right.at(middle)]
     active.sort(key=lambda b: b.left.at(middle))
     free, inner = [], _AXIS
     for b in active:
         if b.left.at(middle) - inner.at(middle) > tolerance:
-            radii = (max(0.0, line.at(z)) for line in (inner, b.left) for z in (low, high))
-            free.append(Frustum(low, high, *radii))
+            radii = [line.at(z) for line in (inner, b.left) for z in (low, high)]
+            free.append(Frustum(low, high, *(r if r > tolerance else 0.0 for r in radii)))
         if b.right.at(middle) > inner.at(middle):
             inner = b.right
     return free

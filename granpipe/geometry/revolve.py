@@ -19,6 +19,8 @@ from granpipe.geometry.segments import distance_to
 CHORD_ERROR = 0.1
 """Height of a facet's circle above its chord, in particle diameters: facets are as few as this allows."""
 FEWEST_FACETS = 12
+MOST_FACETS = 240
+"""Beyond it the triangles that meet in the plate's centre become too thin."""
 TARGET_ANGLE = radians(5.0)
 """Rows are cut where a triangle would have a smaller angle than this."""
 SMALLEST_ANGLE = radians(1.0)
@@ -43,6 +45,11 @@ class Turn:
         """As few facets as the chord error allows at this radius [m]."""
         allowance = CHORD_ERROR * particle_diameter
         fewest = pi / acos(max(1 - allowance / radius, cos(pi / FEWEST_FACETS)))
+        if fewest > MOST_FACETS:
+            raise MeshError(
+                f"particles of {particle_diameter:.3g} m in a vessel of radius {radius:.3g} m would need {fewest:.0f} "
+                f"wall facets per turn; LIGGGHTS takes about {MOST_FACETS}: raise dem.coarse_grain_factor"
+            )
         return cls(4 * ceil(fewest / 4 - 1e-9), allowance)
 
     @property
@@ -137,7 +144,12 @@ def _change(points: Array, i: int) -> float:
 
 
 def _cut(start: Array, end: Array, turn: Turn) -> Array:
-    """Points after the first of an edge, cut into as few rows as the target angle needs; (rows, 2)."""
+    """Points after the first of an edge, cut into as few rows as the target angle needs; (rows, 2).
+
+    An edge from the axis stays whole: its angle there is the same however short it is.
+    """
+    if min(start[0], end[0]) == 0:
+        return end[None]
     rows = 1
     line = _rows(start, end, rows)
     while _thin(line, turn):
