@@ -137,6 +137,20 @@ def doctor() -> None:
 
 
 @main.command()
+@click.argument("result", type=click.Path(path_type=Path))
+@click.option("--flow", required=True, help="Flow rate, such as 2[m^3/h] or 1 t/h.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the new files.")
+def scale(result: Path, flow: str, out: Path) -> None:
+    """Write the export files of RESULT, a results folder, for another flow rate, without solving anything."""
+    from granpipe.scale import scale_results
+
+    file = _read(result / "case.yaml", (f"flow_rate={flow}",))
+    if warning := scale_results(result, file.case, out):
+        click.echo(f"warning: {warning}", err=True)
+    click.echo(f"scaled results in {out}")
+
+
+@main.command()
 @_RESULTS
 def clean(results: Path) -> None:
     """Delete the store of intermediate stages; results folders stay."""

@@ -39,7 +39,7 @@ class Grid:
         rows = max(1, round((z_max - z_min) / cell))
         size = (z_max - z_min) / rows
         columns = max(1, int(np.ceil(r_max / size - 1e-9)))
-        return cls(size * np.arange(columns + 1), np.linspace(z_min, z_max, rows + 1))
+        return cls(size * np.arange(columns + 1.0), np.linspace(z_min, z_max, rows + 1))
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -64,7 +64,7 @@ def write_results(
         (aside / "case.yaml").write_text(plan.case.to_yaml())
         _write_json(aside / "plan.json", plan_summary(plan))
         made.field.save(aside / "field.npz")
-        _export(aside, plan, made)
+        write_exports(made.field, plan.case, aside)
         _figures(aside, plan, made)
         _logs(aside, made)
         provenance = {
@@ -128,13 +128,14 @@ def write_comsol_folder(field: Field, case: Case, folder: Path) -> None:
     )
 
 
-def _export(folder: Path, plan: Plan, made: Made) -> None:
-    if "comsol" in plan.case.export:
-        write_comsol_folder(made.field, plan.case, folder)
-    if "vtk" in plan.case.export:
+def write_exports(field: Field, case: Case, folder: Path) -> None:
+    """Write the files of every format that the case asks for."""
+    if "comsol" in case.export:
+        write_comsol_folder(field, case, folder)
+    if "vtk" in case.export:
         from granpipe.export.vtk import write_vtu
 
-        write_vtu(made.field, folder / "field.vtu")
+        write_vtu(field, folder / "field.vtu")
 
 
 def _figures(folder: Path, plan: Plan, made: Made) -> None:

@@ -178,7 +178,7 @@ class Chain:
 
     def published(self) -> list[Path]:
         """Folders of the segments that are done, in order, up to the first that is missing."""
-        found = []
+        found: list[Path] = []
         while (path := self._segment(len(found) + 1)).is_dir():
             found.append(path)
         return found
@@ -321,7 +321,7 @@ def _check_balance(inserted: int, discharged: int, present: int, during: str) ->
 
 
 def _is_whole(restart: Path, report: dict[str, Any]) -> bool:
-    return restart.stat().st_size == report["size"] > 0 and digest(restart) == report["sha256"]
+    return bool(restart.stat().st_size == report["size"] > 0 and digest(restart) == report["sha256"])
 
 
 def _stl_digests(walls: Path) -> dict[str, str]:

@@ -1,0 +1,49 @@
+"""Scaling: the same pattern at another flow rate, and a warning where the pattern would change."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granpipe.case import Case, read_case
+from granpipe.errors import RunError
+from granpipe.field import Field, Grid, flux_from_psi
+from granpipe.scale import scale_results
+
+HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """A results folder with a uniform flow of 1 m³/s."""
+    folder = tmp_path / "hopper"
+    folder.mkdir()
+    (folder / "case.yaml").write_text(read_case(HOPPER).case.to_yaml())
+    grid = Grid.covering(1.0, 3.4, 5.9, 0.1)
+    psi = np.tile(-0.5 / np.pi * grid.r_edges**2, (len(grid.z_edges), 1))
+    flux_r, flux_z = flux_from_psi(psi, grid)
+    ones = np.ones(grid.shape)
+    Field(grid, None, ones, ones > 0, flux_r, flux_z, 1.0, 1.0, 1.0, psi=psi).save(folder / "field.npz")
+    return folder
+
+
+def case_at(flow: str) -> Case:
+    return read_case(HOPPER, {"flow_rate": flow}).case
+
+
+def test_the_scaled_field_carries_the_flow_asked_for(results: Path, tmp_path: Path) -> None:
+    assert scale_results(results, case_at("7.2 m^3/h"), tmp_path / "out") == ""
+    field = Field.load(tmp_path / "out" / "field.npz")
+    assert field.bulk_flow * field.flow_scale == pytest.approx(0.002)
+    assert (tmp_path / "out" / "comsol" / "psi_grid.txt").is_file()
+
+
+def test_a_flow_near_free_discharge_is_warned_about(results: Path, tmp_path: Path) -> None:
+    assert "free discharge at the outlet" in scale_results(results, case_at("0.5 m^3/s"), tmp_path / "out")
+
+
+def test_an_existing_folder_is_not_overwritten(results: Path, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="exists already"):
+        scale_results(results, case_at("1 m^3/h"), results)
