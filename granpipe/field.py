@@ -123,7 +123,7 @@ class Field:
         return self.flow_scale / self.bulk_packing
 
     def save(self, path: Path) -> None:
-        """Write ``field.npz``: every array and scalar that is known, uncompressed names as in this class."""
+        """Write ``field.npz``: every array and scalar that is known, under its name in this class."""
         known = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "grid"}
         np.savez_compressed(
             path,

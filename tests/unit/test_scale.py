@@ -25,7 +25,7 @@ def results(tmp_path: Path) -> Path:
     psi = np.tile(-0.5 / np.pi * grid.r_edges**2, (len(grid.z_edges), 1))
     flux_r, flux_z = flux_from_psi(psi, grid)
     ones = np.ones(grid.shape)
-    Field(grid, None, ones, ones > 0, flux_r, flux_z, 1.0, 1.0, 1.0, psi=psi).save(folder / "field.npz")
+    Field(grid, ones, ones > 0, flux_r, flux_z, 1.0, 1.0, 1.0, psi=psi).save(folder / "field.npz")
     return folder
 
 
