@@ -12,7 +12,7 @@ from granpipe.errors import SolveError
 from granpipe.field import Array
 from granpipe.rzmesh import Index
 
-REFINEMENTS = 2
+MOST_REFINEMENTS = 10
 LARGEST_RESIDUAL = 1e-8
 
 
@@ -37,13 +37,25 @@ def solve_ordered(matrix: Any, right: Array, order: Index, shift: Array) -> tupl
         factors = linalg.splu(shifted, permc_spec="NATURAL", diag_pivot_thresh=0.0, options=options)
     except RuntimeError as error:
         raise SolveError(f"the system of {len(right)} unknowns is singular ({error})") from error
-    found = np.zeros(len(order))
-    for _ in range(1 + REFINEMENTS):
-        found += factors.solve(right[order] - inner @ found)
     solution = np.zeros(len(right))
-    solution[order] = found
-    largest = float(np.abs(right).max())
-    residual = float(np.abs(right - matrix @ solution).max()) / largest if largest else 0.0
+    solution[order], residual = _refine(factors, inner, right[order])
     if not residual < LARGEST_RESIDUAL:
         raise SolveError(f"the system of {len(right)} unknowns was solved to a residual of only {residual:.2g}")
+    return solution, residual
+
+
+def _refine(factors: Any, matrix: Any, right: Array) -> tuple[Array, float]:
+    """Solution by iterative refinement, for as long as each step at least halves the residual, and that residual."""
+    solution, rest = np.zeros(len(right)), right
+    scale = float(np.abs(right).max()) or 1.0
+    residual = 1.0
+    for _ in range(MOST_REFINEMENTS):
+        better = solution + factors.solve(rest)
+        rest = right - matrix @ better
+        size = float(np.abs(rest).max()) / scale
+        if not size < residual:
+            break
+        gain, solution, residual = residual / size if size else np.inf, better, size
+        if gain < 2:
+            break
     return solution, residual

@@ -53,14 +53,19 @@ class Space:
         return np.asarray(self.basis.doflocs.T)
 
     @cached_property
-    def edge_nodes(self) -> Index:
-        """(k, order+1) nodes along each boundary edge, equally spaced, from its first end to its second (order ≥ 2)."""
+    def edge_facets(self) -> Index:
+        """(k,) scikit-fem's number of each boundary edge."""
         a, b = self.mesh.edges.T
         count, facets = len(self.mesh.points), self.basis.mesh.facets  # (2, nf), the lower number first
         known = facets[0].astype(np.int64) * count + facets[1]
         order = np.argsort(known)
-        facet = order[np.searchsorted(known, np.minimum(a, b) * count + np.maximum(a, b), sorter=order)]
-        within = self.basis.facet_dofs[:, facet].T
+        return np.asarray(order[np.searchsorted(known, np.minimum(a, b) * count + np.maximum(a, b), sorter=order)])
+
+    @cached_property
+    def edge_nodes(self) -> Index:
+        """(k, order+1) nodes along each boundary edge, equally spaced, from its first end to its second (order ≥ 2)."""
+        a, b = self.mesh.edges.T
+        within = self.basis.facet_dofs[:, self.edge_facets].T
         within = np.where((a < b)[:, None], within, within[:, ::-1])
         return np.column_stack([self.basis.nodal_dofs[0, a], within, self.basis.nodal_dofs[0, b]])
 

@@ -26,7 +26,6 @@ class FluidSolution:
     stream : ψ for unit flow in units of `length`, from which everything is sampled
     length : unit of length of `stream` [m]
     unknowns, residual : of the Stokes system
-    correction : part of the velocity that was not divergence-free before ψ replaced it
     """
 
     mesh: RZMesh
@@ -41,7 +40,14 @@ class FluidSolution:
 
     @property
     def correction(self) -> float:
+        """Part of the computed velocity, ‖·‖ over the volume, that was not divergence-free before ψ replaced it."""
         return self.stream.correction
+
+    @property
+    def outlet_reach(self) -> float:
+        """Height up to which the choice of the outlet's profile is felt: one diameter above it [m]."""
+        ends = self.mesh.ends()[self.mesh.named("outlet")]
+        return float(ends[..., 1].max() + 2 * ends[..., 0].max())
 
     def psi_at(self, grid: Grid) -> Array:
         """(nz+1, nr+1) ψ on the nodes of a grid [m³/s per radian]; outside the vessel that of the nearest wall."""

@@ -20,7 +20,7 @@ from granpipe.fluid.elements import Space, dissection
 from granpipe.fluid.wall_speed import BoundaryData
 from granpipe.rzmesh import Index, RZMesh
 
-PRESSURE_SHIFT = 1e-11  # on the diagonal, of r h²: keeps pivots from zero; refinement takes it out again
+PRESSURE_SHIFT = 1e-13  # on the diagonal, of r h²: keeps pivots from zero; refinement takes it out again
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def _divergence(space: Space, pressure: Space) -> Any:
 
 
 def _shift(velocities: int, pressure: Space) -> Array:
-    """(n,) what is taken from the diagonal: nothing for velocities, 1e-11 ∫ r q² for pressures."""
+    """(n,) what is taken from the diagonal: nothing for velocities, 1e-13 ∫ r q² for pressures."""
     from skfem import BilinearForm
 
     @BilinearForm

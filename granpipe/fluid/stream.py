@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from granpipe.field import Array
+from granpipe.field import Array, Mask
 from granpipe.fluid.direct import solve_ordered
 from granpipe.fluid.elements import HIGHEST_ORDER, Space, dissection, edge_flow_weights
 from granpipe.fluid.locate import locate
@@ -22,6 +22,7 @@ from granpipe.fluid.stokes import StokesSolution
 from granpipe.fluid.wall_speed import BoundaryData
 from granpipe.rzmesh import Index
 
+ON_WALL = 1e-9  # of a triangle's height: nearer points lie on its side
 LAST = np.iinfo(np.int64).max  # rank of the constants of free rings: they meet a whole obstacle
 
 
@@ -52,18 +53,31 @@ class StreamFunction:
         nodes, local = basis.element_dofs[:, triangle[inside]], place[inside].T
         shape = np.stack([basis.elem.lbasis(local, i)[0] for i in range(len(nodes))])
         psi[inside] = radius[inside] ** 2 * np.sum(shape * self.chi[nodes], axis=0)
-        psi[~inside] = self._wall_psi(np.stack([radius[~inside], height[~inside]], axis=1))
+        on_wall = self._psi_on_walls(triangle[inside], local)
+        psi[inside] = np.where(np.isnan(on_wall), psi[inside], on_wall)
+        psi[~inside] = self._psi_beyond_walls(np.stack([radius[~inside], height[~inside]], axis=1))
         return psi
 
-    def _wall_psi(self, points: Array) -> Array:
+    @property
+    def _solid(self) -> Mask:
+        return self.space.mesh.named("wall") | self.space.mesh.named("obstacle")
+
+    def _psi_on_walls(self, triangle: Index, local: Array) -> Array:
+        """(n,) ψ of the wall for points in triangles, given in local coordinates (2, n), that lie on one; else NaN."""
+        mesh = self.space.basis.mesh
+        facet_psi = np.full(mesh.facets.shape[1], np.nan)
+        facet_psi[self.space.edge_facets[self._solid]] = self.edge_psi[self._solid]
+        away = np.stack([local[1], 1 - local.sum(axis=0), local[0]])  # from the sides ab, bc and ac
+        met = np.where(np.abs(away) < ON_WALL, facet_psi[mesh.t2f[:, triangle]], np.nan)
+        return np.asarray(np.fmax(np.fmax(met[0], met[1]), met[2]))
+
+    def _psi_beyond_walls(self, points: Array) -> Array:
         """(n,) ψ of the wall or obstacle that is nearest to each point (n, 2)."""
         from scipy.spatial import KDTree
 
-        mesh = self.space.mesh
-        solid = mesh.named("wall") | mesh.named("obstacle")
-        ends = mesh.ends()[solid]
+        ends = self.space.mesh.ends()[self._solid]
         samples = np.concatenate([ends[:, 0], ends.mean(axis=1)])
-        return np.asarray(np.tile(self.edge_psi[solid], 2)[KDTree(samples).query(points)[1]])
+        return np.asarray(np.tile(self.edge_psi[self._solid], 2)[KDTree(samples).query(points)[1]])
 
     def at_points(self) -> tuple[Array, Array, Array]:
         """u, w and ψ at the points of the mesh, (n,) each; velocities as the mean of the triangles that meet."""
