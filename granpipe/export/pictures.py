@@ -24,7 +24,7 @@ Polygon = Sequence[tuple[float, float]]
 DPI = 200
 STYLE: dict[Any, Any] = {"font.size": 9, "axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6}
 INK, STONE, REST, BLUE, RED = "#222222", "#9a9a9a", "#d9c7a8", "#1f4e8c", "#c0392b"
-LEFT, GAP, BOTTOM, TOP = 0.62, 0.42, 0.5, 0.75  # margins of a figure and between its panels [inch]
+LEFT, GAP, BOTTOM, TOP = 0.68, 0.42, 0.5, 0.75  # margins of a figure and between its panels [inch]
 
 UNITS = (("m/s", 1.0), ("mm/s", 1e3), ("m/h", 3600.0), ("mm/h", 3.6e6))
 AT_REST = 0.02  # of the mean speed over the widest level
@@ -53,7 +53,7 @@ def vessel_figure(stl_paths: Sequence[Path], position: Array, radius: Array, vel
 
     Parameters
     ----------
-    stl_paths : surfaces of vessel, obstacles and plate
+    stl_paths : surfaces, called vessel, obstacle_<name> and plate; the plate is drawn where the particles now end
     position, velocity : (n, 3) of the particles [m], [m/s]
     radius : (n,) [m]
     path : the PNG file to write
@@ -89,8 +89,7 @@ def _field_figure(field: Field, wall: Array, obstacles: Mapping[str, Polygon]) -
         _draw_surface(axis, field, nodes)
         _clip(axis, wall)
         _draw_vessel(axis, wall, obstacles)
-        axis.tick_params(labelleft=axis is axes[0])
-    axes[0].set_ylabel("z [m]")
+        _lengths(axis, "r", "z" if axis is axes[0] else "")
     return figure
 
 
@@ -103,7 +102,7 @@ def _flow_figure(field: Field, wall: Array, obstacles: Mapping[str, Polygon]) ->
     _draw_surface(vessel, field, nodes)
     _clip(vessel, wall)
     _draw_vessel(vessel, wall, obstacles)
-    vessel.set_ylabel("z [m]")
+    _lengths(vessel, "r", "z")
     _draw_flows(flows, field)
     flows.set_ylim(vessel.get_ylim())
     return figure
@@ -134,10 +133,22 @@ def _draw_vessel(axis: Axes, wall: Array, obstacles: Mapping[str, Polygon]) -> N
         axis.fill(*np.transpose(corners), facecolor=STONE, edgecolor=INK, linewidth=0.8, zorder=3)
     axis.plot(*wall.T, color=INK, linewidth=1.4, solid_capstyle="round", clip_on=False, zorder=4)
     axis.plot([0, 0], [low, high], color=INK, linewidth=0.6, linestyle=(0, (8, 3, 1, 3)), clip_on=False, zorder=4)
-    axis.set(aspect="equal", xlim=(0, r_max), ylim=(low, high), xlabel="r [m]")
+    axis.set(aspect="equal", xlim=(0, r_max), ylim=(low, high))
+
+
+def _lengths(axis: Axes, across: str, up: str) -> None:
+    """Bare axes with few ticks, in m, or in mm where the panel shows less than a metre; no `up`, no labels there."""
+    low, high = axis.get_ylim()
+    unit = "m" if high - low >= 1 else "mm"
+    for ticks in (axis.xaxis, axis.yaxis):  # with a true minus sign
+        ticks.set_major_formatter(
+            lambda value, _: f"{value if unit == 'm' else 1e3 * value:.4g}".replace("-", "\u2212")
+        )
     axis.spines[:].set_visible(False)
-    axis.tick_params(length=3, color=INK)
-    axis.locator_params(axis="x", nbins=3)
+    axis.tick_params(length=3, color=INK, labelleft=bool(up))
+    axis.locator_params(axis="x", nbins=4)
+    axis.set_xlabel(f"{across} [{unit}]")
+    axis.set_ylabel(f"{up} [{unit}]" if up else "")
 
 
 def _draw_surface(axis: Axes, field: Field, nodes: Nodes) -> None:
@@ -273,13 +284,14 @@ def _rendered(
     cloud["radius"] = radius
     cloud["number"] = np.arange(len(radius))
     balls = cloud.glyph(scale="radius", orient=False, geom=ball)
-    extent = _extent([pyvista.PolyData(str(path)).bounds for path in stl_paths])
+    surfaces = {path.stem: _surface(path, float((position[:, 2] - radius).min())) for path in stl_paths}
+    extent = _extent([surface.bounds for surface in surfaces.values()])
     with _quiet_vtk():
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=_pixels(extent))
         plotter.render_window.SetMultiSamples(0)  # they cost seconds without a graphics card; the image is scaled down
         plotter.set_background("white")
-        for path in stl_paths:
-            _add_open(plotter, path)
+        for name, surface in surfaces.items():
+            _add_open(plotter, name, surface)
         _look(plotter, extent)
         images = []
         for values, colormap, limits in colours:
@@ -314,25 +326,32 @@ def _pixels(extent: tuple[float, float, float, float], long_side: int = 2200) ->
     return [2 * round(wide * scale / 2), 2 * round(tall * scale / 2)]
 
 
-def _add_open(plotter: Any, path: Path) -> None:
-    """The part of a surface behind y = 0, the line where it is cut, and the cut face of an obstacle."""
+def _surface(path: Path, floor: float) -> Any:
+    """The surface in an STL file; the plate, which has moved since, at the height `floor`."""
     import pyvista
 
     surface: Any = pyvista.PolyData(str(path)).clean(tolerance=1e-6)  # STL repeats its vertices
+    return surface.translate((0, 0, floor - surface.bounds[4])) if path.stem == "plate" else surface
+
+
+def _add_open(plotter: Any, name: str, surface: Any) -> None:
+    """The part of a surface behind y = 0, the line where it is cut, and the cut face of an obstacle."""
+    import pyvista
+
     steel = {"color": "#cfd4da", "ambient": 0.35, "specular": 0.2, "smooth_shading": True, "split_sharp_edges": True}
-    plotter.add_mesh(surface.clip(normal=(0, -1, 0), origin=(0, 0, 0)), name=path.stem, **steel)
+    plotter.add_mesh(surface.clip(normal=(0, -1, 0), origin=(0, 0, 0)), name=name, **steel)
     cut = surface.slice(normal=(0, 1, 0), origin=(0, 1e-6 * surface.length, 0))  # not exactly through vertices
     cut = cut.clean(tolerance=1e-3, lines_to_points=False)
     if not cut.n_points:
         return
     plotter.add_mesh(
-        cut.translate((0, -1e-3 * surface.length, 0)), name=f"{path.stem} cut", color=INK, line_width=5, lighting=False
+        cut.translate((0, -1e-3 * surface.length, 0)), name=f"{name} cut", color=INK, line_width=5, lighting=False
     )
-    if path.stem.startswith("obstacle"):
+    if name.startswith("obstacle"):
         for number, line in enumerate(cut.strip(max_length=cut.n_points + 1).cell):
             # where an obstacle lies on the wall or the axis its surface is open: the chord closes the face
             face = pyvista.PolyData(line.points, faces=[line.n_points, *range(line.n_points)])
-            plotter.add_mesh(face.triangulate(), name=f"{path.stem} face {number}", color=STONE, lighting=False)
+            plotter.add_mesh(face.triangulate(), name=f"{name} face {number}", color=STONE, lighting=False)
 
 
 def _look(plotter: Any, extent: tuple[float, float, float, float]) -> None:
@@ -372,9 +391,5 @@ def _vessel_panels(
     for axis, image, (title, (_, colormap, limits)) in zip(axes, images, colours.items(), strict=True):
         axis.imshow(image, extent=extent, aspect=np.cos(ELEVATION), interpolation="hanning")
         _bar(axis, ScalarMappable(Normalize(*limits), colormap), title, "neither")
-        axis.spines[:].set_visible(False)
-        axis.tick_params(length=3, color=INK, labelleft=axis is axes[0])
-        axis.set_xlabel("x [m]")
-        axis.locator_params(axis="x", nbins=4)
-    axes[0].set_ylabel("z [m] in the plane of the cut")
+        _lengths(axis, "x", "z in the plane of the cut" if axis is axes[0] else "")
     return figure
