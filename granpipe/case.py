@@ -49,7 +49,7 @@ Point = tuple[float, float]
 Polygon = tuple[Point, ...]
 
 Regime = Literal["mass_flow", "funnel_flow", "undecided"]
-Model = Literal["auto", "fluid", "dem"]
+Model = Literal["auto", "fluid", "dem", "hybrid"]
 SectionModel = Literal["fluid", "dem"]
 ContactModel = Literal["hertz", "hooke"]
 RollingModel = Literal["epsd2", "cdt", "none"]
@@ -503,7 +503,8 @@ class Case(Group):
     flow_rate: Annotated[FlowRate, Flow(FlowRate.of)] = Field(description="The flow that the process asks for.")
     model: Annotated[Model, Choice(Model)] = Field(
         default="auto",
-        description="By which model: fictitious fluid, particles (dem), or what each section needs (auto).",
+        description="By which model: fictitious fluid, particles (dem), both joined (hybrid), or what the sections "
+        "need (auto).",
     )
     dem: Dem = Field(default_factory=Dem, description="The simulation of the particles.")
     homogenize: Homogenize = Field(default_factory=Homogenize, description="From particles to a field.")
@@ -518,7 +519,7 @@ class Case(Group):
     @model_validator(mode="after")
     def _consistent(self) -> Case:
         for name, section in self.outline.sections.items():
-            if self.model != "auto" and section.model not in (None, self.model):
+            if self.model in ("fluid", "dem") and section.model not in (None, self.model):
                 refuse(
                     f"must agree with model: {self.model}; or set model: auto", ("outline", "sections", name, "model")
                 )

@@ -15,7 +15,8 @@ from granpipe.errors import GranpipeError
 
 if TYPE_CHECKING:
     from granpipe.case import CaseFile
-    from granpipe.plan import Plan
+    from granpipe.errors import CaseError
+    from granpipe.plan import Model, Plan
 
 INTERRUPTED = 130
 QUALITY_FAILED = 4
@@ -81,8 +82,10 @@ def run(case: Path, overrides: tuple[str, ...], results: Path) -> None:
 def plan(case: Path, overrides: tuple[str, ...]) -> None:
     """Show what a run of CASE would do, leave out and cost."""
     from granpipe.pipeline import plan_case
+    from granpipe.plan import variants
 
-    click.echo(_plan_text(plan_case(_read(case, overrides))))
+    file = _read(case, overrides)
+    click.echo(_plan_text(plan_case(file), variants(file.case)))
 
 
 @main.command()
@@ -277,37 +280,52 @@ class _Console:
         self._console.print(text)
 
 
-def _plan_text(plan: Plan) -> str:
+def _plan_text(plan: Plan, others: dict[Model, Plan | CaseError]) -> str:
+    width = max(len(stage.name) for stage in (*plan.stages, *plan.left_out))
     lines = [f"{plan.case.name}: model {plan.model}", "", "stages"]
-    lines += [f"  {stage.name:<10} {stage.reason}" for stage in plan.stages]
+    lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.stages]
     lines += ["", "left out"]
-    lines += [f"  {stage.name:<18} {stage.reason}" for stage in plan.left_out]
+    lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.left_out]
     rows, columns = plan.grid.shape
-    lines += ["", f"grid      {rows} × {columns} cells of {plan.grid.cell:.4g} m"]
-    if plan.settings is not None:
-        lines += _dem_lines(plan)
+    lines += ["", f"grid  {rows} × {columns} cells of {plan.grid.cell:.4g} m", ""]
+    for title, part in _dem_runs(plan):
+        lines += _dem_lines(title, part)
+    lines += ["the models side by side", *(_variant_line(model, other) for model, other in others.items()), ""]
     lines += [f"note: {warning}" for warning in plan.warnings]
     lines += [f"outside the range (a run ends with status 4): {breach}" for breach in plan.breaches]
     return "\n".join(lines)
 
 
-def _dem_lines(plan: Plan) -> list[str]:
+def _dem_runs(plan: Plan) -> list[tuple[str, Plan]]:
+    if plan.settings is not None:
+        return [("DEM run", plan)]
+    return [(f"DEM of {span.name}, z = {span.cut_bottom:g} … {span.cut_top:g} m", part) for span, part in plan.parts]
+
+
+def _dem_lines(title: str, plan: Plan) -> list[str]:
     dem = plan.dem
     width = max(len(choice.name) for choice in dem.choices)
-    lines = [f"  {choice.name:<{width}}  {choice.value:<12} {choice.criterion}" for choice in dem.choices]
-    hours = plan.seconds / 3600
-    cost = f"{hours:.3g} h" if hours >= 1 else f"{plan.seconds / 60:.3g} min"
     return [
-        "",
-        "settings",
-        *lines,
-        "",
-        f"particles {dem.particles} in {len(dem.classes.radius)} size classes",
-        f"steps     {dem.steps} of {dem.time_step:.3g} s: {dem.duration:.4g} s in {dem.segments} segments",
-        f"cost      {plan.particle_steps:.3g} particle-steps, about {cost} on {dem.ranks} ranks",
-        f"disk      {plan.disk_bytes / 1e6:.3g} MB at the most",
+        title,
+        *(f"  {choice.name:<{width}}  {choice.value:<12} {choice.criterion}" for choice in dem.choices),
+        f"  {dem.particles} particles in {len(dem.classes.radius)} size classes; {dem.steps} steps of "
+        f"{dem.time_step:.3g} s: {dem.duration:.4g} s in {dem.segments} segments; {dem.ranks} ranks",
         "",
     ]
+
+
+def _variant_line(model: Model, plan: Plan | CaseError) -> str:
+    if isinstance(plan, GranpipeError):
+        return f"  {model:<7} not possible: {plan}"
+    hours = plan.seconds / 3600
+    time_text = f"{hours:.3g} h" if hours >= 1 else f"{plan.seconds / 60:.2g} min"
+    unfit = "; does not describe every section" if model == "fluid" and plan.warnings else ""
+    runs = [part.dem for _, part in _dem_runs(plan)]
+    particles = " + ".join(str(dem.particles) for dem in runs) or "no"
+    return (
+        f"  {model:<7} {particles} particles, {plan.particle_steps:.3g} particle-steps, about {time_text}, "
+        f"{plan.disk_bytes / 1e6:.3g} MB of disk at the most{unfit}"
+    )
 
 
 if __name__ == "__main__":

@@ -7,10 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from granpipe.case import Case
-from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Settings, Vessel, choose
+from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Choice, Settings, Vessel, choose
+from granpipe.dem.sizes import size_classes
+from granpipe.errors import CaseError
 from granpipe.field import Grid
 from granpipe.geometry.outline import Outline
-from granpipe.geometry.passages import Passage
+from granpipe.regime import hopper_regime
+from granpipe.submodel import Span, spans, sub_case
+
+Model = Literal["dem", "fluid", "hybrid"]
 
 CELLS_PER_DIAMETER = 4
 """Cells per Sauter diameter: smaller than the particles, as the paper has it; finer costs time and gains nothing."""
@@ -24,10 +29,16 @@ FILL_TIME = 3.0
 RANK_GAIN = 0.9
 """Parallel efficiency of up to four ranks on idle cores (measured with two: 0.9–1.05)."""
 
+FLUID_SECONDS = 3.0
+"""Meshing and solving for the fictitious fluid, start-up included."""
+
+HYBRID_GAIN = 0.8
+"""`auto` takes the hybrid only where its DEM costs less than this part of a DEM run of the whole vessel."""
+
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage of the run and why the scene needs it."""
+    """One stage of the run and why the scene needs it; or what is left out and why."""
 
     name: str
     reason: str
@@ -35,145 +46,245 @@ class Stage:
 
 @dataclass(frozen=True)
 class Plan:
-    """What will be done. `seconds` and `disk_bytes` are forecasts for this machine's cores, LIGGGHTS running alone."""
+    """What will be done.
+
+    Parameters
+    ----------
+    settings : of the DEM run of the whole vessel; None unless the model is "dem"
+    parts : sub-models of a hybrid and the spans of sections that they stand for
+    choices : settings with their criteria; their warnings and breaches are in `warnings` and `breaches`
+    particle_steps : cost of DEM, filling included
+    seconds, disk_bytes : forecasts for this machine's cores, LIGGGHTS running alone
+    """
 
     case: Case
     outline: Outline
-    model: Literal["dem", "fluid"]
+    model: Model
     grid: Grid
     settings: Settings | None
+    parts: tuple[tuple[Span, Plan], ...]
     stages: tuple[Stage, ...]
     left_out: tuple[Stage, ...]
-    warnings: tuple[str, ...]
-    breaches: tuple[str, ...]
+    choices: tuple[Choice, ...]
+    notes: tuple[str, ...]
+    particle_steps: float
     seconds: float
     disk_bytes: float
 
     @property
     def dem(self) -> Settings:
-        """The settings of a plan that has a DEM run."""
+        """The settings of a plan that has a DEM run of its own."""
         assert self.settings is not None
         return self.settings
 
     @property
-    def particle_steps(self) -> float:
-        """Cost of the DEM run as particles times steps, filling included."""
-        return 0.0 if self.settings is None else self.settings.particles * (self.settings.steps + self._fill_steps)
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should keep in mind."""
+        return (*self.notes, *(f"{c.name}: {c.warning}" for c in self.choices if c.warning))
 
     @property
-    def _fill_steps(self) -> float:
-        height = self.dem.feed_top - self.dem.plate_z
-        return FILL_TIME * math.sqrt(2 * height / 9.81) / self.dem.time_step
+    def breaches(self) -> tuple[str, ...]:
+        """Values of the case outside the stable or accurate range."""
+        return tuple(f"{c.name} = {c.value}: {c.breach}" for c in self.choices if c.breach)
 
 
 def make_plan(case: Case) -> Plan:
     """Decide everything; CaseError where the case asks for the impossible."""
-    outline = Outline.from_case(case)
-    passages = outline.passages()
-    needs = {name: _needs_dem(case, outline, name) for name in outline.sections}
-    model = _model(case, needs)
-    settings = choose(case, _vessel(outline, passages)) if model == "dem" else None
-    choices = settings.choices if settings else ()
-    plan = Plan(
-        case=case,
-        outline=outline,
-        model=model,
-        grid=_grid(case, outline, passages, settings),
-        settings=settings,
-        stages=tuple(_stages(case, model, needs)),
-        left_out=tuple(_left_out(case, model)),
-        warnings=(*_model_warnings(case, model, needs), *(f"{c.name}: {c.warning}" for c in choices if c.warning)),
-        breaches=tuple(f"{c.name} = {c.value}: {c.breach}" for c in choices if c.breach),
-        seconds=0.0,
-        disk_bytes=0.0,
-    )
-    return plan if settings is None else _with_cost(plan, settings)
+    scene = _Scene(case)
+    return scene.plan(scene.choose_model())
 
 
-def _vessel(outline: Outline, passages: tuple[Passage, ...]) -> Vessel:
-    return Vessel(
-        top=outline.z_top,
-        outlet=outline.z_bottom,
-        inlet_radius=outline.inlet_radius,
-        outlet_radius=outline.outlet_radius,
-        largest_radius=outline.r_max,
-        volume=outline.volume(),
-        openings=passages,
-    )
+def variants(case: Case) -> dict[Model, Plan | CaseError]:
+    """The plans of all three models, for comparison; the error of one that the scene does not allow."""
+    scene = _Scene(case)
+    found: dict[Model, Plan | CaseError] = {}
+    for model in ("fluid", "hybrid", "dem"):
+        try:
+            found[model] = scene.plan(model)
+        except CaseError as error:
+            found[model] = error
+    return found
 
 
-def _needs_dem(case: Case, outline: Outline, name: str) -> str:
-    """Why a section cannot go to the fictitious fluid; empty if it can."""
-    section = case.outline.sections[name]
-    if section.model is not None:
-        return "the case says so" if section.model == "dem" else ""
-    for obstacle, polygon in outline.obstacles.items():
-        if polygon[:, 1].min() < section.z_top and polygon[:, 1].max() > section.z_bottom:
-            return f"obstacle {obstacle} stands in it"
-    tops = [z for z in (section.z_top, *outline.wall[:, 1]) if section.z_bottom < z <= section.z_top]
-    if any(outline.wall_radius(z, "below") > outline.wall_radius(z, "above") + outline.tolerance for z in tops):
-        return "it widens: a free surface forms"
-    inner = [z for z in outline.wall[:, 1] if section.z_bottom < z < section.z_top]
-    slopes = [float(outline.wall_slope(z)) for z in (section.z_top, *inner)]
-    if any(slope < 0 for slope in slopes):
-        return "it widens: a free surface forms"
-    if any(slope > 0 for slope in slopes) and section.regime != "mass_flow":
-        return "a hopper that the case does not call mass_flow"
-    above = [n for n, s in case.outline.sections.items() if s.z_bottom >= section.z_top - outline.tolerance]
-    disturbed = next((n for n in above if _needs_dem(case, outline, n)), None)
-    return f"it lies below section {disturbed}, whose flow is not simple" if disturbed else ""
+class _Scene:
+    """A case with what the planner derives from it once."""
 
+    def __init__(self, case: Case) -> None:
+        self.case = case
+        self.outline = Outline.from_case(case)
+        self.passages = self.outline.passages()
+        self.verdicts: dict[str, Stage] = {}
+        for name in self.outline.sections:
+            self.verdicts[name] = self._verdict(name)
 
-def _model(case: Case, needs: dict[str, str]) -> Literal["dem", "fluid"]:
-    if case.model != "auto":
-        return case.model
-    return "dem" if any(needs.values()) else "fluid"
+    @property
+    def needs(self) -> dict[str, str]:
+        """Section → why it needs DEM; empty where it does not."""
+        return {name: verdict.reason if verdict.name == "dem" else "" for name, verdict in self.verdicts.items()}
 
+    def choose_model(self) -> Model:
+        """What the case says, or the least that its sections need."""
+        if self.case.model != "auto":
+            return self.case.model
+        if not any(self.needs.values()):
+            return "fluid"
+        if all(self.needs.values()):
+            return "dem"
+        hybrid, dem = self.plan("hybrid"), self.plan("dem")
+        return "hybrid" if hybrid.particle_steps < HYBRID_GAIN * dem.particle_steps else "dem"
 
-def _model_warnings(case: Case, model: str, needs: dict[str, str]) -> list[str]:
-    if model == "dem":
-        return []
-    return [f"section {name}: {why}; the fictitious fluid does not describe that" for name, why in needs.items() if why]
+    def plan(self, model: Model) -> Plan:
+        """The plan of one model."""
+        return {"fluid": self._fluid, "dem": self._dem, "hybrid": self._hybrid}[model]()
 
+    def _verdict(self, name: str) -> Stage:
+        """Stage("dem" or "fluid", why) for a section; sections above it have theirs already."""
+        section, outline = self.case.outline.sections[name], self.outline
+        if section.model is not None:
+            return Stage(section.model, "the case says so")
+        for obstacle, polygon in outline.obstacles.items():
+            if polygon[:, 1].min() < section.z_top and polygon[:, 1].max() > section.z_bottom:
+                return Stage("dem", f"obstacle {obstacle} stands in it")
+        levels = [section.z_top, *(z for z in outline.wall[:, 1] if section.z_bottom < z < section.z_top)]
+        widens = any(
+            outline.wall_radius(z, "below") > outline.wall_radius(z, "above") + outline.tolerance for z in levels
+        )
+        slopes = [float(outline.wall_slope(z, "below")) for z in levels]
+        if widens or min(slopes) < 0:
+            return Stage("dem", "it widens: a free surface forms")
+        for above, verdict in self.verdicts.items():
+            if (
+                verdict.name == "dem"
+                and self.case.outline.sections[above].z_bottom >= section.z_top - outline.tolerance
+            ):
+                return Stage("dem", f"it lies below section {above}, whose flow is not simple")
+        if max(slopes) == 0:
+            return Stage("fluid", "straight: plug flow")
+        return self._hopper(section.regime, math.atan(max(slopes)))
 
-def _grid(case: Case, outline: Outline, passages: tuple[Passage, ...], settings: Settings | None) -> Grid:
-    if case.homogenize.cell != "auto":
-        cell = float(case.homogenize.cell)
-    elif settings is not None:
-        cell = settings.classes.sauter_diameter / CELLS_PER_DIAMETER
-    else:
-        cell = min(passage.gap for passage in passages) / CELLS_PER_OPENING
-    return Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, cell)
+    def _hopper(self, said: str | None, half_angle: float) -> Stage:
+        material = self.case.material
+        regime, figures = said or "undecided", "the case says so"
+        if material.internal_friction_angle is not None and material.wall_friction_angle is not None:
+            computed, jenike = hopper_regime(half_angle, material.internal_friction_angle, material.wall_friction_angle)
+            regime = said or computed
+            figures = f"the case says so, Jenike {computed}: {jenike}" if said else jenike
+        elif said is None:
+            figures = "neither outline.sections.….regime nor the bulk friction angles are given"
+        return Stage("fluid" if regime == "mass_flow" else "dem", f"{regime} hopper ({figures})")
 
+    def _fluid(self) -> Plan:
+        unfit = [
+            f"section {n}: {why}; the fictitious fluid does not describe that" for n, why in self.needs.items() if why
+        ]
+        why = "the case asks for it" if unfit else "every section is straight or a mass-flow hopper"
+        left = [Stage("DEM run", "no section needs it" if not unfit else "the case asks for a fluid")]
+        left.append(Stage("averaging", "there are no particles"))
+        if "vessel" in self.case.figures:
+            left.append(Stage("3-D picture", "there are no particles to show"))
+        stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid"), self._results("fluid")]
+        return self._made("fluid", self._opening_cell(), stages, left, notes=unfit, seconds=FLUID_SECONDS)
 
-def _stages(case: Case, model: str, needs: dict[str, str]) -> list[Stage]:
-    if model == "fluid":
-        why = "the case asks for it" if case.model == "fluid" else "every section is straight or a mass-flow hopper"
-        stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid")]
-    else:
-        reasons = [f"{name}: {why}" for name, why in needs.items() if why]
-        why = "the case asks for it" if case.model == "dem" else "; ".join(reasons)
+    def _dem(self) -> Plan:
+        settings = choose(self.case, self._vessel())
+        reasons = "; ".join(f"{name}: {why}" for name, why in self.needs.items() if why) or "the case asks for it"
         stages = [
             Stage("walls", "LIGGGHTS needs the revolved walls, a reservoir and the outlet"),
             Stage("settle", "fill by repeated insertion and come to rest"),
-            Stage("produce", why),
-            Stage("field", f"average, then conserve by method {case.homogenize.method}"),
+            Stage("produce", reasons),
+            Stage("field", f"average, then conserve by method {self.case.homogenize.method}"),
+            self._results("dem"),
         ]
-    return [*stages, Stage("results", ", ".join(["field.npz", *case.export, *_figures(case, model)]))]
+        left = [Stage("fluid solve", "the DEM run covers the whole vessel"), *_left_out_of_decks(self.case)]
+        steps = settings.particles * (settings.steps + _fill_steps(settings))
+        rate = RATE * settings.ranks * (RANK_GAIN if settings.ranks > 1 else 1.0)
+        plan = self._made("dem", settings.classes.sauter_diameter / CELLS_PER_DIAMETER, stages, left)
+        return replace(
+            plan,
+            settings=settings,
+            choices=settings.choices,
+            particle_steps=steps,
+            seconds=steps / rate,
+            disk_bytes=_disk(self.case, settings),
+        )
+
+    def _hybrid(self) -> Plan:
+        case = self.case
+        classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
+        found = spans(case, self.needs, classes.d90, lambda z, side: float(self.outline.wall_radius(z, side)))
+        if not found:
+            raise CaseError("no section needs DEM; set model: auto or fluid, or model: dem in a section", ("model",))
+        parts = tuple((span, make_plan(sub_case(case, span))) for span in found)
+        stages = [Stage(f"DEM of {span.name}", self._why(span)) for span, _ in parts]
+        rest = [n for n, why in self.needs.items() if not why]
+        stages.append(
+            Stage("fluid", f"sections {', '.join(rest)} flow simply; the others are forced to follow the DEM")
+        )
+        stages.append(self._results("hybrid"))
+        left = [Stage(f"DEM of {n}", self.verdicts[n].reason) for n in rest]
+        plan = self._made("hybrid", classes.sauter_diameter / CELLS_PER_DIAMETER, stages, left)
+        return replace(
+            plan,
+            parts=parts,
+            choices=tuple(dict.fromkeys(choice for _, part in parts for choice in part.choices)),
+            particle_steps=sum(part.particle_steps for _, part in parts),
+            seconds=FLUID_SECONDS + sum(part.seconds for _, part in parts),
+            disk_bytes=sum(part.disk_bytes for _, part in parts),
+        )
+
+    def _why(self, span: Span) -> str:
+        return "; ".join(f"{name}: {self.needs[name] or 'between its neighbours'}" for name in span.sections)
+
+    def _made(
+        self,
+        model: Model,
+        cell: float,
+        stages: list[Stage],
+        left: list[Stage],
+        notes: list[str] | None = None,
+        seconds: float = 0.0,
+    ) -> Plan:
+        given = self.case.homogenize.cell
+        size = cell if given == "auto" else float(given)
+        outline = self.outline
+        return Plan(
+            case=self.case,
+            outline=outline,
+            model=model,
+            grid=Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, size),
+            settings=None,
+            parts=(),
+            stages=tuple(stages),
+            left_out=tuple(left),
+            choices=(),
+            notes=tuple(notes or ()),
+            particle_steps=0.0,
+            seconds=seconds,
+            disk_bytes=0.0,
+        )
+
+    def _results(self, model: Model) -> Stage:
+        figures = [f"figures: {name}" for name in self.case.figures if name == "rz" or model != "fluid"]
+        return Stage("results", ", ".join(["field.npz", *self.case.export, *figures]))
+
+    def _opening_cell(self) -> float:
+        return min(passage.gap for passage in self.passages) / CELLS_PER_OPENING
+
+    def _vessel(self) -> Vessel:
+        outline = self.outline
+        return Vessel(
+            top=outline.z_top,
+            outlet=outline.z_bottom,
+            inlet_radius=outline.inlet_radius,
+            outlet_radius=outline.outlet_radius,
+            largest_radius=outline.r_max,
+            volume=outline.volume(),
+            openings=self.passages,
+        )
 
 
-def _figures(case: Case, model: str) -> list[str]:
-    return [f"figures: {name}" for name in case.figures if name == "rz" or model == "dem"]
-
-
-def _left_out(case: Case, model: str) -> list[Stage]:
-    if model == "fluid":
-        left = [Stage("DEM run", "no section needs it"), Stage("averaging", "there are no particles")]
-        if "vessel" in case.figures:
-            left.append(Stage("3-D picture", "there are no particles to show"))
-        return left
-    left = [Stage("fluid solve", "the DEM run covers the whole vessel")]
-    parts = case.contact
+def _left_out_of_decks(case: Case) -> list[Stage]:
+    parts, left = case.contact, []
     if parts.rolling_model == "none" or max(parts.rolling_friction, parts.wall.rolling_friction) == 0:
         left.append(Stage("rolling model", "no rolling friction"))
     if max(parts.friction, parts.wall.friction) == 0:
@@ -187,11 +298,14 @@ def _left_out(case: Case, model: str) -> list[Stage]:
     return left
 
 
-def _with_cost(plan: Plan, settings: Settings) -> Plan:
+def _fill_steps(settings: Settings) -> float:
+    height = settings.feed_top - settings.plate_z
+    return FILL_TIME * math.sqrt(2 * height / 9.81) / settings.time_step
 
-    rate = RATE * settings.ranks * (RANK_GAIN if settings.ranks > 1 else 1.0)
-    restart = 8 * BYTES_PER_PARTICLE * settings.particles  # measured: about 500 bytes a particle, contacts included
+
+def _disk(case: Case, settings: Settings) -> float:
+    """Most bytes on disk at once: restart files (about 500 bytes a particle, contacts included) and snapshots."""
+    restart = 8 * BYTES_PER_PARTICLE * settings.particles
     snapshots = BYTES_PER_PARTICLE * settings.particles
     kept = {"none": 3, "thinned": settings.segments, "all": settings.steps // settings.dump_every}
-    disk = 3 * restart + kept[plan.case.dem.keep_snapshots] * snapshots
-    return replace(plan, seconds=plan.particle_steps / rate, disk_bytes=float(disk))
+    return float(3 * restart + kept[case.dem.keep_snapshots] * snapshots)

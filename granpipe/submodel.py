@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 from granpipe.case import Case, Outline, Point, Polygon
 from granpipe.errors import CaseError
+
+Side = Literal["above", "below"]
 
 SEAM_DIAMETERS = 5.0
 """Margin beyond a seam in particle diameters d90: entrance and plate order the particles near them."""
@@ -39,7 +42,7 @@ class Span:
         return "_".join(dict.fromkeys((self.sections[0], self.sections[-1])))
 
 
-def spans(case: Case, needs: dict[str, str], d90: float, radius: Callable[[float, str], float]) -> tuple[Span, ...]:
+def spans(case: Case, needs: dict[str, str], d90: float, radius: Callable[[float, Side], float]) -> tuple[Span, ...]:
     """Merge neighbouring sections that need DEM and give each run its margins.
 
     Parameters
@@ -106,7 +109,7 @@ def _cut(wall: Polygon, top: float, bottom: float) -> Polygon:
     return (_at(wall, top, "below"), *inside, _at(wall, bottom, "above"))
 
 
-def _at(wall: Polygon, z: float, side: str) -> Point:
+def _at(wall: Polygon, z: float, side: Side) -> Point:
     """The point of a wall at a level, on the segment that goes on above or below it."""
     for (r0, z0), (r1, z1) in pairwise(wall):
         if z0 > z1 and (z0 >= z > z1 if side == "below" else z0 > z >= z1):
