@@ -65,6 +65,7 @@ def write_results(
         _write_json(aside / "plan.json", plan_summary(plan))
         made.field.save(aside / "field.npz")
         write_exports(made.field, plan.case, aside)
+        _fluid_mesh(aside, plan, made)
         _figures(aside, plan, made)
         _logs(aside, made)
         provenance = {
@@ -138,6 +139,15 @@ def write_exports(field: Field, case: Case, folder: Path) -> None:
         write_vtu(field, folder / "field.vtu")
 
 
+def _fluid_mesh(folder: Path, plan: Plan, made: Made) -> None:
+    if made.solution is None or "vtk" not in plan.case.export:
+        return
+    from granpipe.export.vtk import write_fluid_vtu
+
+    fluid = made.solution
+    write_fluid_vtu(fluid.mesh.points, fluid.mesh.triangles, fluid.u, fluid.w, fluid.psi, folder / "fluid.vtu")
+
+
 def _figures(folder: Path, plan: Plan, made: Made) -> None:
     outline = plan.outline
     if plan.case.figures:
@@ -145,7 +155,8 @@ def _figures(folder: Path, plan: Plan, made: Made) -> None:
     if "rz" in plan.case.figures:
         from granpipe.export.pictures import rz_figures
 
-        rz_figures(made.field, outline.wall, dict(outline.obstacles), folder / "figures")
+        obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
+        rz_figures(made.field, outline.wall.tolist(), obstacles, folder / "figures")
     if "vessel" in plan.case.figures and made.production is not None:
         from granpipe.export.pictures import vessel_figure
 

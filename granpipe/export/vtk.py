@@ -38,6 +38,23 @@ def write_vtu(field: Field, path: Path) -> None:
     mesh.write(path, file_format="vtu")
 
 
+def write_fluid_vtu(points: Array, triangles: Whole, u: Array, w: Array, psi: Array, path: Path) -> None:
+    """Write a fictitious fluid on its own mesh, in the plane (x, z) = (r, z).
+
+    Parameters
+    ----------
+    points : (n, 2) r and z [m]
+    triangles : (m, 3) corner indices
+    u, w : (n,) radial and vertical velocity [m/s]
+    psi : (n,) stream function [m³/s per radian]
+    """
+    import meshio
+
+    in_space = np.column_stack([points[:, 0], np.zeros(len(points)), points[:, 1]])
+    data = {"bulk_velocity": _vectors(u, w), "psi": psi}
+    meshio.Mesh(in_space, [("triangle", triangles)], point_data=data).write(path, file_format="vtu")
+
+
 def _quads(nodes: Nodes, inside: Mask) -> tuple[Whole, Whole]:
     """Corners of each cell inside, anticlockwise, counted among the nodes in use; and the flat indices of those."""
     iz, ir = np.nonzero(inside)

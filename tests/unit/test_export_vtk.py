@@ -2,11 +2,12 @@
 
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 from fakes.synthetic import PACKING, SCALE, field_of, pipe, ring_vessel
 
-from granpipe.export.vtk import write_vtu
+from granpipe.export.vtk import write_fluid_vtu, write_vtu
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +61,13 @@ def test_what_the_field_does_not_know_is_absent(tmp_path: Path) -> None:
     assert set(mesh.point_data) == {"bulk_velocity", "solids"}
     assert "packing_fraction" not in mesh.cell_data
     np.testing.assert_allclose(mesh["solids_flux_lower"], field.flux_z[0, 0] * SCALE, rtol=1e-12)
+
+
+def test_a_fluid_keeps_its_mesh_and_velocity(tmp_path):
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    u, w, psi = np.array([0.0, 0.1, 0.2]), np.array([-1.0, -2.0, -3.0]), np.array([0.0, -0.5, 0.0])
+    write_fluid_vtu(points, np.array([[0, 1, 2]]), u, w, psi, tmp_path / "fluid.vtu")
+    mesh = meshio.read(tmp_path / "fluid.vtu")
+    np.testing.assert_allclose(mesh.points[:, [0, 2]], points)
+    np.testing.assert_allclose(mesh.point_data["bulk_velocity"], np.column_stack([u, np.zeros(3), w]))
+    assert mesh.cells_dict["triangle"].tolist() == [[0, 1, 2]]
