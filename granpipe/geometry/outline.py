@@ -56,7 +56,8 @@ class Outline:
         polygons = {name: _points(polygon) for name, polygon in (obstacles or {}).items()}
         check_obstacles(points, polygons, tolerance)
         check_sections(sections or {}, points[0, 1], points[-1, 1], tolerance)
-        return cls(points, {name: _anticlockwise(p) for name, p in polygons.items()}, dict(sections or {}))
+        level = _levelled([points, *(_anticlockwise(polygon) for polygon in polygons.values())], tolerance)
+        return cls(level[0], dict(zip(polygons, level[1:], strict=True)), dict(sections or {}))
 
     @classmethod
     def from_case(cls, case: Case) -> Outline:
@@ -197,6 +198,16 @@ def _points(points: Points) -> Array:
     array = np.array(points, dtype=float).reshape(-1, 2)
     array.setflags(write=False)
     return array
+
+
+def _levelled(chains: list[Array], tolerance: float) -> list[Array]:
+    """The same points, heights that differ by rounding only made equal, so that level edges are level."""
+    heights = np.unique(np.concatenate(chains)[:, 1])
+    level = heights.copy()
+    for i in range(1, len(level)):
+        if level[i] - level[i - 1] <= tolerance:
+            level[i] = level[i - 1]
+    return [_points(np.stack([c[:, 0], level[np.searchsorted(heights, c[:, 1])]], axis=1)) for c in chains]
 
 
 def _anticlockwise(polygon: Array) -> Array:

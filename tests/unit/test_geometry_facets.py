@@ -1,5 +1,7 @@
 """The rule for facets and rows, without gmsh."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -34,7 +36,7 @@ def test_long_rows_are_cut_and_short_ones_are_not():
     cone = generatrix(np.array([[1.0, 1], [0.01, 0]]), turn, "wall")
     ratios = cone[1:, 0] / cone[:-1, 0]
     assert ratios == pytest.approx(ratios[0])  # all rows have one shape
-    assert all(np.degrees(turn.smallest_angle(a, b)) >= 5 for a, b in zip(cone[:-1], cone[1:], strict=True))
+    assert all(np.degrees(turn.smallest_angle(a, b)) >= 5 for a, b in pairwise(cone))
 
 
 def test_a_needle_becomes_blunt_by_no_more_than_the_allowance():

@@ -28,6 +28,10 @@ VESSELS = {
     ),
     "diamond on the axis": ([[1, 3], [1, 0]], {"diamond": [[0, 2], [0.5, 1.5], [0, 1.4]]}),
     "flat bottom": ([[0.4, 2], [1, 2], [1, 0.3], [0.4, 0.3], [0.4, 0]], {}),
+    "round ring": (
+        [[1, 3], [1, 0]],
+        {"ring": [[0.5 + 0.2 * np.cos(t), 1.5 + 0.2 * np.sin(t)] for t in np.linspace(0.1, 6.2, 24)]},
+    ),
     "two baffles": ([[1, 3], [1, 0]], {"ring": box(0.4, 1, 1.7, 1.8), "disc": box(0, 0.7, 1.2, 1.4)}),
 }
 
@@ -145,6 +149,22 @@ def test_below_an_axis_obstacle_the_inner_bound_closes_at_the_repose():
     closing = next(f for f in slabs(vessel("disc")) if f.inner_high > 0 and f.inner_low == 0)
     assert closing.inner_high == pytest.approx(0.5 + MARGIN)
     assert closing.height == pytest.approx((0.5 + MARGIN) * np.tan(REPOSE))
+
+
+def curved_vessel():
+    z = np.linspace(5, 0, 200)
+    turn = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    ring = np.stack([0.3 + 0.15 * np.cos(turn), 2.5 + 0.15 * np.sin(turn)], axis=1)
+    return Outline.of(np.stack([1 + 0.4 * np.sin(3 * z), z], axis=1), {"ring": ring})
+
+
+def test_a_curved_wall_leaves_few_large_slabs_that_still_keep_their_distance():
+    outline = curved_vessel()
+    fine, coarse = slabs(outline), slabs(outline, min_size=0.1)
+    assert len(coarse) < 0.2 * len(fine)
+    assert sum(f.volume for f in coarse) >= 0.85 * sum(f.volume for f in fine)
+    r, z = np.concatenate([*points_in(coarse, np.random.default_rng(1))], axis=1)
+    assert clearance(r, z, outline).min() >= MARGIN - 1e-9
 
 
 def test_slabs_do_not_overlap():

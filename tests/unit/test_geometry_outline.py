@@ -1,10 +1,12 @@
 """Outline: what it refuses and says, areas, intervals, passages."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from granpipe.case import load_case
 from granpipe.errors import CaseError
 from granpipe.geometry.outline import Outline
 
@@ -208,3 +210,12 @@ def test_a_pocket_is_no_passage():
     cup = [[0.3, 1], [0.9, 1], [0.9, 1.5], [0.8, 1.5], [0.8, 1.1], [0.4, 1.1], [0.4, 1.5], [0.3, 1.5]]
     found = named(Outline.of(PIPE, {"cup": cup}))
     assert set(found) == {"opening inside cup", "gap between cup and the wall", "outlet"}
+
+
+def test_the_test_reactor_of_the_cases_is_as_described():
+    case = load_case(Path(__file__).parents[2] / "cases" / "reactor.yaml")
+    reactor = Outline.from_case(case)
+    assert reactor.volume() == pytest.approx(19, abs=0.1)
+    assert reactor.area(reactor.z_bottom) == pytest.approx(4.2, abs=0.01)
+    assert reactor.stands_on("ring") == "wall"
+    assert reactor.section_gaps() == []

@@ -1,0 +1,166 @@
+"""What keeps particles out: solids grown by a margin, and the shadow under each, all as trapezoids.
+
+Particles that run in below an edge lie at their angle of repose, so a shadow narrows downwards at that angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import hypot, inf
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granpipe.geometry.contacts import AXIS, WALL
+
+if TYPE_CHECKING:
+    from granpipe.geometry.outline import Outline
+
+
+@dataclass(frozen=True)
+class Line:
+    """r(z) = r0 + slope (z − z0); r0 may be infinite."""
+
+    r0: float
+    z0: float
+    slope: float
+
+    @classmethod
+    def through(cls, low: Sequence[float], high: Sequence[float]) -> Line:
+        """The line through two points (r, z)."""
+        return cls(low[0], low[1], (high[0] - low[0]) / (high[1] - low[1]))
+
+    def moved(self, distance: float) -> tuple[Line, float]:
+        """The line moved outwards by a distance perpendicular to itself, and how much each of its points rises."""
+        steep = hypot(1.0, self.slope)
+        return Line(self.r0 + distance * steep, self.z0, self.slope), -distance * self.slope / steep
+
+    def at(self, z: float) -> float:
+        return self.r0 + self.slope * (z - self.z0)
+
+
+@dataclass(frozen=True)
+class _Flank:
+    """One side of a slab of an obstacle, and the margin beside it: the rectangle between itself and itself moved."""
+
+    line: Line
+    z0: float
+    z1: float
+    distance: float
+
+    @property
+    def grown(self) -> Line:
+        return self.line.moved(self.distance)[0]
+
+    @property
+    def rise(self) -> float:
+        return self.line.moved(self.distance)[1]
+
+    def grown_at(self, z: float) -> float:
+        """Radius of the moved side, which ends where the side ends."""
+        return self.grown.at(min(max(z, self.z0 + self.rise), self.z1 + self.rise))
+
+    def margin(self) -> Iterator[tuple[tuple[float, float], Line, Line]]:
+        """Height ranges of the rectangle, each with its bound on the solid's side and the moved side.
+
+        Beyond the side's own heights it starts at the side's end. The corner that is missing lies in the corner's cap.
+        """
+        low, high = self.z0 + self.rise, self.z1 + self.rise
+        yield (max(low, self.z0), min(high, self.z1)), self.line, self.grown
+        yield (low, min(self.z0, high)), Line(self.line.at(self.z0), 0.0, 0.0), self.grown
+        yield (max(self.z1, low), high), Line(self.line.at(self.z1), 0.0, 0.0), self.grown
+
+
+@dataclass(frozen=True)
+class Blocked:
+    """No place for a particle: left(z) < r < right(z) for z_low < z < z_high."""
+
+    z_low: float
+    z_high: float
+    left: Line
+    right: Line
+
+
+_FAR_LEFT, _FAR_RIGHT = Line(-inf, 0.0, 0.0), Line(inf, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Room:
+    """What a particle's centre needs: distance to solids [m]; reach outwards per depth under an edge; outer radius."""
+
+    margin: float
+    spread: float
+    r_max: float
+
+    def shadow(self, z: float, left: float, right: float) -> Blocked:
+        """What cannot be reached below a solid whose underside spans left < r < right at z."""
+        inwards = self.spread if left > -inf else 0.0
+        outwards = self.spread if right < inf else 0.0
+        closing = inwards + outwards
+        span = min(right, self.r_max) - max(left, 0.0) if closing != 2 * self.spread else right - left
+        depth = max(span, 0.0) / closing if closing else inf
+        return Blocked(z - depth, z, Line(left, z, -inwards), Line(right, z, outwards))
+
+    def cap(self, z: float, left: float, right: float) -> Iterator[Blocked]:
+        """The margin above and below a level at which a solid has corners, and the shadow under it."""
+        grown = left - self.margin, right + self.margin
+        yield Blocked(z - self.margin, z + self.margin, Line(grown[0], 0.0, 0.0), Line(grown[1], 0.0, 0.0))
+        yield self.shadow(z - self.margin, *grown)
+
+
+def blocked_space(outline: Outline, top: float, bottom: float, room: Room) -> list[Blocked]:
+    """All trapezoids that no particle's centre can be in, for the vessel from `top` down to `bottom` [m]."""
+    return [*_wall(outline, top, bottom, room), *_obstacles(outline, room)]
+
+
+def _wall(outline: Outline, top: float, bottom: float, room: Room) -> Iterator[Blocked]:
+    """The wall moved inwards, the margin about its corners, and their shadows."""
+    corners = outline.wall.tolist()
+    for high, low in pairwise([[outline.inlet_radius, top], *corners, [outline.outlet_radius, bottom]]):
+        if high[1] > low[1]:
+            edge, rise = Line.through(low, high).moved(-room.margin)
+            yield Blocked(low[1] + rise, high[1] + rise, edge, _FAR_RIGHT)
+            yield from (room.shadow(z + rise, edge.at(z + rise), inf) for z in (high[1], low[1]))
+    for r, z in corners:
+        yield from room.cap(z, r, inf)
+
+
+def _obstacles(outline: Outline, room: Room) -> Iterator[Blocked]:
+    """Every obstacle in slabs between its corners, grown by the margin, and their shadows.
+
+    Under an obstacle that stands on the axis or on the wall, nothing falls between itself and that.
+    """
+    for name, left, right in _slabs(outline):
+        (left0, z0), (left1, z1) = left
+        right0, right1 = right[0][0], right[1][0]
+        at_axis = max(left0, left1) <= outline.tolerance
+        at_wall = 0.5 * (right0 + right1) >= outline.wall_radius(0.5 * (z0 + z1)) - outline.tolerance
+        near = _Flank(_FAR_LEFT if at_axis else Line.through(*left), z0, z1, -room.margin)
+        far = _Flank(_FAR_RIGHT if at_wall else Line.through(*right), z0, z1, room.margin)
+        yield Blocked(z0, z1, near.line, far.line)
+        yield from (Blocked(*heights, grown, own) for heights, own, grown in near.margin())
+        yield from (Blocked(*heights, own, grown) for heights, own, grown in far.margin())
+        yield from room.cap(z1, -inf if at_axis else left1, inf if at_wall else right1)
+        on_axis, on_wall = outline.groups.joined(name, AXIS), outline.groups.joined(name, WALL)
+        yield from room.cap(z0, -inf if on_axis else left0, inf if on_wall else right0)
+        for z in (z1 + near.rise, z1 + far.rise):
+            yield room.shadow(z, near.grown_at(z), far.grown_at(z))
+        for z in (z0 + near.rise, z0 + far.rise):
+            yield room.shadow(z, -inf if on_axis else near.grown_at(z), inf if on_wall else far.grown_at(z))
+
+
+_Side = tuple[list[float], list[float]]
+
+
+def _slabs(outline: Outline) -> Iterator[tuple[str, _Side, _Side]]:
+    """The obstacles cut at their corners' heights: name, left side and right side, each [low, high] × (r, z)."""
+    for owner, (name, polygon) in enumerate(outline.obstacles.items(), start=1):
+        mine = outline.edges.owner == owner
+        for z0, z1 in pairwise(np.unique(polygon[:, 1]).tolist()):
+            spans, radii = outline.edges.at(np.array([z0, 0.5 * (z0 + z1), z1]), "below")
+            met = np.flatnonzero(spans[:, 1] & mine)
+            sides = radii[met[np.argsort(radii[met, 1])]].tolist()
+            for (left0, _, left1), (right0, _, right1) in zip(sides[::2], sides[1::2], strict=True):
+                yield name, ([left0, z0], [left1, z1]), ([right0, z0], [right1, z1])
