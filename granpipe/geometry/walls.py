@@ -148,6 +148,8 @@ def _revolve(lines: list[Array], turn: Turn, path: Path) -> Array:
         gmsh.write(str(path))
         tags, coordinates, _ = gmsh.model.mesh.getNodes()
         _, _, nodes = gmsh.model.mesh.getElements(2)
+    if not path.read_bytes().rstrip().endswith(b"endsolid Created by Gmsh"):
+        raise MeshError(f"{path}: was not written to its end; is the disk full?")
     place = np.zeros(int(tags.max()) + 1, dtype=int)
     place[tags] = np.arange(len(tags))
     return np.asarray(coordinates.reshape(-1, 3)[place[nodes[0].reshape(-1, 3)]])
@@ -174,7 +176,7 @@ def _gmsh() -> Iterator[Any]:
     """A gmsh session that prints nothing and handles no signals; its failures become MeshError."""
     import gmsh
 
-    gmsh.initialize(interruptible=False)
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.NumThreads", 1)  # the same file on every machine

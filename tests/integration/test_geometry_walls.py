@@ -1,5 +1,6 @@
 """Revolved walls: areas, seams, angles, and the same bytes every time."""
 
+import resource
 import subprocess
 from collections import Counter
 from dataclasses import dataclass
@@ -280,3 +281,13 @@ def test_liggghts_does_warn_of_a_thin_triangle(tmp_path):
     said, _ = load_in_liggghts({"thin": tmp_path / "thin.stl"}, np.array([[0, 1], [0, 1], [-1, 1]]), tmp_path)
     assert "WARNING" in said
     assert "skewed" in said
+
+
+def test_a_file_that_does_not_fit_on_the_disk_is_found(tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, hard))
+    try:
+        with pytest.raises(MeshError, match="disk full"):
+            build_walls(Outline.of(REACTOR), top=6, bottom=0, plate_z=None, particle_diameter=0.2, folder=tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
