@@ -101,4 +101,5 @@ def unguided_plug(sums: Sums) -> Plug:
         raise DataError("no particles on the grid")
     flows = level_flow(sums.mean_flux[1], sums.grid)
     flow = float(flows.mean())
-    return Plug(float(np.median(full)), flow, float(np.abs(flows - flow).max() / abs(flow)) if flow else np.inf)
+    spread = float(np.abs(flows - flow).max() / abs(flow)) if flow else np.inf
+    return Plug(float(np.median(full)), flow, spread, (float(sums.grid.z_edges[0]), float(sums.grid.z_edges[-1])))

@@ -26,11 +26,13 @@ class Plug:
     packing : φ_ref, solids fraction away from the walls
     solids_flow : solids through the whole section, positive downwards [m³/s]
     spread : largest deviation of a level's flow from `solids_flow`, as a part of it
+    z_range : bottom and top of the plug [m]
     """
 
     packing: float
     solids_flow: float
     spread: float
+    z_range: tuple[float, float]
 
     @property
     def bulk_flow(self) -> float:
@@ -52,12 +54,8 @@ def measure_plug(
         lowers the mean), but not of the flow
     packing : φ_ref where the case gives it; the flow is measured all the same
     """
-    grid = sums.grid
-    rows = (grid.z_edges[:-1] >= z_range[0] - 1e-9) & (grid.z_edges[1:] <= z_range[1] + 1e-9)
-    if not rows.any():
-        raise DataError(f"no row of the grid lies in the plug, z = {z_range[0]:g} … {z_range[1]:g} m: use a finer cell")
-    levels = np.append(rows, False) | np.insert(rows, 0, False)
-    flows = level_flow(sums.mean_flux[1], grid)[levels]
+    rows = _rows(sums.grid, z_range)
+    flows = level_flow(sums.mean_flux[1], sums.grid)[plug_levels(sums.grid, z_range)]
     flow = float(flows.mean())
     if flow <= 0:
         raise DataError(f"no downward flow in the plug, z = {z_range[0]:g} … {z_range[1]:g} m: {flow:g} m³/s")
@@ -65,7 +63,22 @@ def measure_plug(
         packing if packing is not None else _core_packing(sums, inside_fraction, rows, diameter),
         flow,
         float(np.abs(flows / flow - 1).max()),
+        z_range,
     )
+
+
+def _rows(grid: Grid, z_range: tuple[float, float]) -> Mask:
+    """(nz,) rows wholly within a range of z [m]."""
+    rows = (grid.z_edges[:-1] >= z_range[0] - 1e-9) & (grid.z_edges[1:] <= z_range[1] + 1e-9)
+    if not rows.any():
+        raise DataError(f"no row of the grid lies in the plug, z = {z_range[0]:g} … {z_range[1]:g} m: use a finer cell")
+    return np.asarray(rows)
+
+
+def plug_levels(grid: Grid, z_range: tuple[float, float]) -> Mask:
+    """(nz+1,) levels that bound the rows of the plug."""
+    rows = _rows(grid, z_range)
+    return np.append(rows, False) | np.insert(rows, 0, False)
 
 
 def _core_packing(sums: Sums, inside_fraction: Array, rows: Mask, diameter: float) -> float:

@@ -1,0 +1,135 @@
+"""The ψ fit from segment sums to a `Field` that carries its own error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+
+from granpipe.errors import DataError
+from granpipe.field import Array, Field, Grid, Mask, flux_from_psi, level_flow
+from granpipe.homogenize.assemble import raw_field
+from granpipe.homogenize.average import Sums, merge
+from granpipe.homogenize.conserve import Plug, plug_levels
+from granpipe.homogenize.psi_fit import PsiFit, Weights, node_roles
+from granpipe.homogenize.smooth import flowing_faces
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
+
+SMOOTHING_LENGTH = 0.45
+"""ℓ in particle diameters."""
+
+CLEARANCE = 1.0
+"""Nothing is smoothed within this many particle diameters of walls and voids."""
+
+_VARIANCE_REACH = 1.0  # diameters: the variance is seen through a Gaussian of this width
+_LEAST_VARIANCE = 0.01  # of its mean
+_MOST_STORAGE = 0.2  # of the flow
+
+Flux = tuple[Array, Array]
+
+
+def psi_field(
+    parts: Sequence[Sums], inside_fraction: Array, plug: Plug, diameter: float, flow_scale: float = 1.0
+) -> Field:
+    """Fit ψ to the average of some segments, and to that of each block of them for the standard error.
+
+    Parameters
+    ----------
+    parts : segments of equal length; from 7 on the field has standard errors
+    inside_fraction : (nz, nr) part of each cell inside the outline
+    plug : packing and flow in the plug, of all parts together
+    diameter : particle diameter [m]
+    flow_scale : flow of the case over that of the simulation
+    """
+    if len(parts) < 2:
+        raise DataError("the ψ fit takes its weights from how segments differ: average two segments or more")
+    sums = merge(parts)
+    raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
+    independent = blocks(parts) if len(parts) >= LEAST_BLOCKS else list(parts)
+    raw_se = _standard_errors([block.mean_flux for block in independent])
+    grid = sums.grid
+    faces = flowing_faces(raw.bulk, inside_fraction)
+    weights = _weights(raw_se, faces, grid, diameter)
+    roles = node_roles(inside_fraction, raw.bulk)
+    fit = PsiFit(grid, roles, weights, SMOOTHING_LENGTH * diameter, CLEARANCE * diameter)
+    steady = _Steady(sums, plug)
+    psi = fit.solve(*steady.flux(sums), plug.solids_flow)
+    flux = flux_from_psi(psi, grid)
+    field = replace(raw, psi=psi, flux_r=flux[0], flux_z=flux[1])
+    if len(parts) < LEAST_BLOCKS:
+        return field
+    refits = [flux_from_psi(fit.solve(*steady.flux(block), steady.plug_flow(block)), grid) for block in independent]
+    se = _standard_errors(refits)
+    return replace(field, raw_flux_r_se=raw_se[0], raw_flux_z_se=raw_se[1], flux_r_se=se[0], flux_z_se=se[1])
+
+
+class _Steady:
+    """Takes from an average the part of the flow that fills or empties the vessel: a steady field has none.
+
+    What level z carries beyond the plug's flow is what gathers in the rows between the two, as measured from the
+    deposited volume. It is taken off in the shape of the whole average's own flux at that level, so that the operation
+    is linear and blocks may be treated one by one.
+    """
+
+    def __init__(self, sums: Sums, plug: Plug) -> None:
+        self._levels = plug_levels(sums.grid, plug.z_range)
+        self._mean = sums.mean_flux
+        self._flow = level_flow(self._mean[1], sums.grid)
+        excess = self._excess(sums)
+        worst = int(np.argmax(np.abs(excess)))
+        if abs(excess[worst]) > _MOST_STORAGE * plug.solids_flow or self._flow.min() <= 0:
+            raise DataError(
+                f"the filling changes too fast for a steady field: {abs(excess[worst]) / plug.solids_flow:.0%} of the "
+                f"flow gathers below z = {sums.grid.z_edges[worst]:g} m ({_MOST_STORAGE:.0%} are allowed); average "
+                "later or longer"
+            )
+
+    def plug_flow(self, sums: Sums) -> float:
+        """Solids flow in the plug [m³/s]."""
+        return float(level_flow(sums.mean_flux[1], sums.grid)[self._levels].mean())
+
+    def _excess(self, sums: Sums) -> Array:
+        """(nz+1,) flow of each level beyond the plug's that the measured storage explains [m³/s]."""
+        gathered = np.concatenate([[0.0], np.cumsum(sums.storage.sum(axis=1))])
+        return np.asarray(gathered - gathered[self._levels].mean())
+
+    def flux(self, sums: Sums) -> Flux:
+        """Mean flux less the part that storage explains."""
+        flux_r, flux_z = sums.mean_flux
+        part = self._excess(sums) / self._flow
+        return (
+            flux_r - self._mean[0] * (0.5 * (part[1:] + part[:-1]))[:, None],
+            flux_z - self._mean[1] * part[:, None],
+        )
+
+
+def _standard_errors(fluxes: Sequence[Flux]) -> Flux:
+    flux_r, flux_z = zip(*fluxes, strict=True)
+    return standard_error(np.array(flux_r)), standard_error(np.array(flux_z))
+
+
+def _weights(se: Flux, faces: tuple[Mask, Mask], grid: Grid, diameter: float) -> Weights:
+    """1/s² from standard errors, which a few blocks give only roughly.
+
+    The variance per face goes down with the area of its ring; times that area it varies slowly, and is seen through a
+    Gaussian.
+    """
+    area_r = np.maximum(grid.side_area, 0.5 * grid.side_area[1])
+    return Weights(
+        area_r / _smooth_variance(se[0] ** 2 * area_r, faces[0], grid, diameter),
+        grid.ring_area / _smooth_variance(se[1] ** 2 * grid.ring_area, faces[1], grid, diameter),
+    )
+
+
+def _smooth_variance(variance: Array, faces: Mask, grid: Grid, diameter: float) -> Array:
+    reach = _VARIANCE_REACH * diameter / grid.cell
+    known = faces & (variance > 0)
+    if not known.any():
+        raise DataError("the segments do not differ at all: no standard error can be had from them")
+    seen = ndimage.gaussian_filter(np.where(known, variance, 0), reach)
+    counted = ndimage.gaussian_filter(known.astype(float), reach)
+    mean = float(variance[known].mean())
+    smooth = np.divide(seen, counted, out=np.full_like(variance, mean), where=counted > 1e-6)
+    return np.asarray(np.maximum(smooth, _LEAST_VARIANCE * mean))
