@@ -95,7 +95,8 @@ def _walls(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) 
         report = {
             "facets": walls.facets,
             "wall_radius": walls.radius,
-            "triangles": walls.triangles,
+            "inward": walls.inward,
+            "triangles": dict(walls.triangles),
             "plate_area": walls.plate_area,
         }
         write_json(folder / "walls.json", report)
@@ -105,12 +106,13 @@ def _walls(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) 
 
 def _deck(plan: Plan, walls: Path) -> Deck:
     settings, outline = plan.dem, plan.outline
-    margin = settings.classes.largest + settings.skin / 2
+    report = read_json(walls / "walls.json")
+    margin = settings.classes.largest + settings.skin / 2 + report["inward"]
     frusta = outline.insertion_frusta(
         settings.feed_top, settings.plate_z, margin, float(REPOSE), 2 * settings.classes.smallest
     )
     meshes = [f"obstacle_{name}" for name in outline.obstacles]
-    return make_deck(plan.case, settings, frusta, meshes, read_json(walls / "walls.json")["wall_radius"])
+    return make_deck(plan.case, settings, frusta, meshes, report["wall_radius"])
 
 
 def _settle(

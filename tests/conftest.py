@@ -36,3 +36,7 @@ def tiny(tmp_path: Path, tiny_text: str) -> Path:
     path = tmp_path / "tiny.yaml"
     path.write_text(tiny_text)
     return path
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--update", action="store_true", help="write the pinned figures of tests/regression anew")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ from granpipe.errors import MeshError
 from granpipe.field import Array, Mask
 from granpipe.geometry.element_size import TOLERANCE, element_size
 from granpipe.geometry.segments import chain, distance_to, nearest_points
+from granpipe.geometry.session import gmsh_session
 from granpipe.rzmesh import Index, Names, RZMesh
 
 
@@ -101,32 +101,12 @@ def _with_heights(wall: Array, heights: Array) -> Array:
 # --- gmsh -------------------------------------------------------------------------------------------------------------
 
 
-@contextmanager
-def _gmsh() -> Iterator[None]:
-    """A gmsh session that prints nothing and handles no signals; its failures become MeshError."""
-    import gmsh
-
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("General.NumThreads", 1)  # the same mesh on every machine
+def _triangulate(drawing: _Drawing, cells_across: float, corner_refinement: float) -> tuple[Array, Index]:
+    """Points (n, 2) and triangles (m, 3), counter-clockwise, of the part that joins inlet and outlet."""
+    with gmsh_session("mesh the r–z section") as gmsh:
         for source in ("FromPoints", "ExtendFromBoundary", "FromCurvature"):
             gmsh.option.setNumber(f"Mesh.MeshSize{source}", 0)
         gmsh.option.setNumber("Mesh.LcIntegrationPrecision", 1e-4)  # the default asks for 20 times the calls
-        yield
-    except MeshError:
-        raise
-    except Exception as error:  # gmsh raises nothing more special
-        raise MeshError(f"gmsh could not mesh the r–z section ({error}): look for walls that nearly touch") from error
-    finally:
-        gmsh.finalize()
-
-
-def _triangulate(drawing: _Drawing, cells_across: float, corner_refinement: float) -> tuple[Array, Index]:
-    """Points (n, 2) and triangles (m, 3), counter-clockwise, of the part that joins inlet and outlet."""
-    import gmsh
-
-    with _gmsh():
         face, segments = _passage(drawing)
         names = drawing.names(segments.mean(axis=1))
         end = (names == "inlet") | (names == "outlet")

@@ -7,8 +7,7 @@ of its circle. Staggered by half a facet, the cut midway between two rings is (1
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from math import degrees, pi
@@ -22,6 +21,7 @@ from granpipe.field import Array
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import SMALLEST_ANGLE, Turn, generatrix, triangle_angles
 from granpipe.geometry.segments import chain, nearest_points
+from granpipe.geometry.session import gmsh_session
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def _checked(name: str, corners: Array) -> float:
 
 def _revolve(lines: list[Array], turn: Turn, path: Path) -> Array:
     """Turn lines (n, 2) about the axis, write the STL file, and return the corners (triangles, 3, xyz) [m]."""
-    with _gmsh() as gmsh:
+    with gmsh_session("revolve the outline") as gmsh:
         for line in lines:
             _turn_about_axis(gmsh, line * [turn.scale, 1.0], turn.facets)
         gmsh.model.mesh.generate(2)
@@ -169,19 +169,3 @@ def _turn_about_axis(gmsh: Any, line: Array, facets: int) -> None:
         swept = geo.revolve(front, 0, 0, 0, 0, 0, 1, pi / 2, numElements=[facets // 4])
         front = [swept[i - 1] for i, (dimension, _) in enumerate(swept) if dimension == 2]
     geo.synchronize()
-
-
-@contextmanager
-def _gmsh() -> Iterator[Any]:
-    """A gmsh session that prints nothing and handles no signals; its failures become MeshError."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("General.NumThreads", 1)  # the same file on every machine
-        yield gmsh
-    except Exception as error:  # gmsh raises nothing more special
-        raise MeshError(f"gmsh could not revolve the outline ({error}): look for walls that nearly touch") from error
-    finally:
-        gmsh.finalize()

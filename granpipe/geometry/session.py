@@ -1,0 +1,45 @@
+"""gmsh sessions: silent, reproducible, and without a trace in the process."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from granpipe.errors import MeshError
+
+
+@contextmanager
+def gmsh_session(task: str) -> Iterator[Any]:
+    """The gmsh module, ready to use; what fails in it becomes a MeshError that names the task.
+
+    gmsh prints nothing, reads no configuration of the user, and works on one thread: the same mesh on every machine.
+    It takes the handler of SIGTERM away when it starts, so that a run could not be ended cleanly: the handlers are put
+    back.
+    """
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    _restore_handlers()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("General.NumThreads", 1)
+        yield gmsh
+    except MeshError:
+        raise
+    except Exception as error:  # gmsh raises nothing more special
+        raise MeshError(f"gmsh could not {task} ({error}): look for walls that nearly touch") from error
+    finally:
+        gmsh.finalize()
+
+
+def _restore_handlers() -> None:
+    """Install Python's own handlers again; only the main thread may, and only it had any."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for number in (signal.SIGINT, signal.SIGTERM):
+        handler = signal.getsignal(number)
+        if handler is not None:
+            signal.signal(number, handler)

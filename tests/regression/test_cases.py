@@ -1,0 +1,90 @@
+"""Every case of the project, pinned by named figures with tolerances.
+
+Cases that take minutes are pinned by their plans; `pytest tests/regression --update` writes the figures anew and
+prints what changed.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from granpipe.case import read_case
+from granpipe.field import Field, level_flow
+from granpipe.pipeline import run_case
+from granpipe.plan import Plan, make_plan
+from granpipe.progress import Silent
+
+CASES = Path(__file__).parents[2] / "cases"
+PINS = Path(__file__).with_name("pins.json")
+
+TOLERANCE = {"plan": 1e-6, "fluid": 1e-6, "dem": 0.1}
+"""Relative. DEM is chaotic: other compilers and rank counts give another sample of the same flow."""
+
+Figures = dict[str, float]
+
+
+def planned(name: str) -> Figures:
+    plan = make_plan(read_case(CASES / f"{name}.yaml").case)
+    runs = [plan] if plan.settings is not None else [part for _, part in plan.parts]
+    rows, columns = plan.grid.shape
+    return {"rows": rows, "columns": columns} | {
+        f"{key} {number}": value for number, part in enumerate(runs) for key, value in settings_of(part).items()
+    }
+
+
+def settings_of(plan: Plan) -> Figures:
+    dem = plan.dem
+    return {
+        "particles": dem.particles,
+        "steps": dem.steps,
+        "time step": dem.time_step,
+        "plate speed": dem.plate_speed,
+        "Young's modulus": dem.youngs_modulus,
+        "plate level": dem.plate_z,
+    }
+
+
+def ran(name: str, results: Path, *heights: float) -> Figures:
+    """Flow and speeds on the axis and near the wall, at the case's flow rate."""
+    outcome = run_case(read_case(CASES / f"{name}.yaml", {"figures": "[]"}), results, Silent())
+    assert outcome.failed == ()
+    field = Field.load(outcome.folder / "field.npz")
+    velocity = field.flux_z * field.velocity_scale
+    figures = {"flow": float(level_flow(velocity, field.grid).mean()), "packing": field.bulk_packing}
+    for z in heights:
+        level = velocity[np.abs(field.grid.z_edges - z).argmin()]
+        figures[f"axis speed at {z:g} m"] = float(-level[:2].mean())
+        figures[f"fastest at {z:g} m"] = float(-level.min())
+    return figures
+
+
+def compare(kind: str, name: str, figures: Figures, request: pytest.FixtureRequest) -> None:
+    pins: dict[str, Any] = json.loads(PINS.read_text()) if PINS.exists() else {}
+    label = f"{name} ({kind})"
+    if request.config.getoption("--update"):
+        old = pins.get(label, {})
+        for key, value in figures.items():
+            if old.get(key) != value:
+                print(f"{label}: {key}: {old.get(key)} → {value}")
+        PINS.write_text(json.dumps(pins | {label: figures}, indent=2, sort_keys=True) + "\n")
+        return
+    assert figures == pytest.approx(pins[label], rel=TOLERANCE[kind])
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in CASES.glob("*.yaml")))
+def test_the_plan_of_every_case_is_as_pinned(name: str, request: pytest.FixtureRequest) -> None:
+    compare("plan", name, planned(name), request)
+
+
+def test_the_hopper_flows_as_pinned(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    compare("fluid", "hopper", ran("hopper", tmp_path, 5.5, 4.4, 3.6), request)
+
+
+@pytest.mark.liggghts
+def test_the_smoke_case_flows_as_pinned(tmp_path: Path, request: pytest.FixtureRequest) -> None:
+    compare("dem", "smoke", ran("smoke", tmp_path, 0.10, 0.0, -0.02), request)
