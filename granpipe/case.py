@@ -57,6 +57,8 @@ Outlet = Literal["plate", "open"]
 Snapshots = Literal["none", "thinned", "all"]
 Method = Literal["psi", "paper"]
 Walls = Literal["moving", "slip"]
+Solids = Literal["rest", "slip"]
+Profile = Literal["open", "plate", "annular"]
 By = Literal["number", "mass"]
 Format = Literal["comsol", "vtk"]
 Figure = Literal["rz", "vessel"]
@@ -481,6 +483,9 @@ class Homogenize(Group):
     )
 
 
+_SIZE_FROM_ZERO = Quantity(LENGTH, at_least=0, at_most=1e4)
+
+
 class Fluid(Group):
     """The fictitious fluid."""
 
@@ -488,6 +493,29 @@ class Fluid(Group):
     walls: Annotated[Walls, Choice(Walls)] = Field(
         default="moving", description="Walls drag the fluid along at their wall factor (moving), or let it slip freely."
     )
+    solids: Annotated[Solids, Choice(Solids)] = Field(
+        default="rest", description="On ledges and obstacles the fluid is at rest, or slips freely."
+    )
+    outlet: Annotated[Profile, Choice(Profile)] = Field(
+        default="open",
+        description="How the fluid leaves: as if the vessel went on (open), at one speed everywhere (plate), or at one "
+        "speed within `annulus` (annular).",
+    )
+    annulus: Annotated[tuple[float, float] | None, Series(_SIZE_FROM_ZERO, length=2)] = Field(
+        default=None, description="Inner and outer radius of an annular outlet; needed there only."
+    )
+    force_factor: Annotated[float, Quantity(above=0, at_most=1e14)] = Field(
+        default=1e5,
+        description="K of the hybrid's volume force, in units of viscosity over the outlet radius squared.",
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Fluid:
+        if (self.outlet == "annular") != (self.annulus is not None):
+            refuse("must be given with outlet: annular, and only there", ("annulus",))
+        if self.annulus is not None and self.annulus[0] >= self.annulus[1]:
+            refuse("must be [inner, outer] with inner below outer", ("annulus",))
+        return self
 
 
 class Case(Group):

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from granpipe.case import Case
 from granpipe.dem_field import target_flow
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid.wall_speed import WallLaw
 from granpipe.geometry.section import mesh_section
 from granpipe.plan import Plan
 from granpipe.results import Made
+
+
+def wall_law(case: Case) -> WallLaw:
+    """How the boundary moves, after the case."""
+    fluid = case.fluid
+    factors = {name: s.wall_factor for name, s in case.outline.sections.items() if s.wall_factor is not None}
+    return WallLaw(
+        walls=fluid.walls, section_factors=factors, solids=fluid.solids, outlet=fluid.outlet, annulus=fluid.annulus
+    )
 
 
 def fluid_field(plan: Plan) -> Made:
@@ -17,9 +27,7 @@ def fluid_field(plan: Plan) -> Made:
     packing = 1.0 if material.bulk_density is None else material.bulk_density / material.density
     sections = {name: (section.z_top, section.z_bottom) for name, section in case.outline.sections.items()}
     mesh = mesh_section(outline.wall, outline.obstacles, sections)
-    factors = {name: s.wall_factor for name, s in case.outline.sections.items() if s.wall_factor is not None}
-    law = WallLaw(walls=case.fluid.walls, section_factors=factors)
-    solution = solve_fluid(mesh, law, target_flow(case, packing), case.fluid.order)
+    solution = solve_fluid(mesh, wall_law(case), target_flow(case, packing), case.fluid.order)
     field = to_field(solution, plan.grid, outline.inside_fraction(plan.grid), packing)
     figures = {
         "triangles": len(mesh.triangles),
