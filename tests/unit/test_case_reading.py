@@ -271,7 +271,7 @@ WRONG = {
     "contact.friction": ["-0.1", "11", "x"],
     "contact.wall.restitution": ["0.05", "2"],
     "flow_rate": ["1", "0 m^3/h", "-1 t/h", "1 m", "'1e400 kg/s'", "{volume: 1}", "fast", ""],
-    "model": ["hybrid", "DEM", "1", "[dem]", "{}"],
+    "model": ["DEM", "1", "[dem]", "{}"],
     "dem.coarse_grain_factor": ["0.5", "0", "-2", "1000"],
     "dem.plate_speed": ["0", "-0.1", "1000", "1 m"],
     "dem.time_step": ["0", "-1e-5", "2", "1 m"],
