@@ -53,7 +53,7 @@ def dem_field(plan: Plan, production: Production) -> Made:
             "produce_wall_seconds": sum(_last_of_each_run(reports, "wall_seconds")),
             "averaging_seconds": sum(_last_of_each_run(reports, "averaging_seconds")),
         },
-        production=production,
+        productions=(production,),
     )
 
 

@@ -9,6 +9,13 @@ from granpipe.fluid.wall_speed import WallLaw
 from granpipe.geometry.section import mesh_section
 from granpipe.plan import Plan
 from granpipe.results import Made
+from granpipe.rzmesh import RZMesh
+
+
+def section_mesh(plan: Plan) -> RZMesh:
+    """Mesh of the r–z half section."""
+    sections = {name: (section.z_top, section.z_bottom) for name, section in plan.case.outline.sections.items()}
+    return mesh_section(plan.outline.wall, plan.outline.obstacles, sections)
 
 
 def wall_law(case: Case) -> WallLaw:
@@ -25,8 +32,7 @@ def fluid_field(plan: Plan) -> Made:
     case, outline = plan.case, plan.outline
     material = case.material
     packing = 1.0 if material.bulk_density is None else material.bulk_density / material.density
-    sections = {name: (section.z_top, section.z_bottom) for name, section in case.outline.sections.items()}
-    mesh = mesh_section(outline.wall, outline.obstacles, sections)
+    mesh = section_mesh(plan)
     solution = solve_fluid(mesh, wall_law(case), target_flow(case, packing), case.fluid.order)
     field = to_field(solution, plan.grid, outline.inside_fraction(plan.grid), packing)
     figures = {

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from granpipe.case import CaseFile
 from granpipe.errors import CaseError
-from granpipe.plan import Plan, make_plan
+from granpipe.plan import Model, Plan, make_plan
 from granpipe.progress import Progress
 from granpipe.quality import Gate
 from granpipe.results import Made, is_current, results_key, write_results
@@ -39,7 +40,7 @@ def run_case(file: CaseFile, results: Path, progress: Progress) -> Outcome:
     folder, store = results / file.case.name, Store(results / ".store")
     plan = plan_case(file)
     tools = library_versions()
-    if plan.model == "dem":
+    if plan.model != "fluid":
         tools |= program_versions(store.root / "programs.json")
     key = results_key(file.case, tools)
     if (failed := is_current(folder, key)) is not None:
@@ -47,7 +48,7 @@ def run_case(file: CaseFile, results: Path, progress: Progress) -> Outcome:
     for warning in plan.warnings:
         progress.note(f"note: {warning}")
     try:
-        made = _dem(plan, store, tools, progress) if plan.model == "dem" else _fluid(plan, progress)
+        made = _ROUTES[plan.model](plan, store, tools, progress)
     except CaseError as error:
         raise file.places.explain(error) from None
     progress.stage("results")
@@ -64,8 +65,21 @@ def _dem(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) ->
     return dem_field(plan, production)
 
 
-def _fluid(plan: Plan, progress: Progress) -> Made:
+def _fluid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
     from granpipe.fluid_field import fluid_field
 
     progress.stage("fluid")
     return fluid_field(plan)
+
+
+def _hybrid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
+    from granpipe.hybrid_field import hybrid_field
+
+    return hybrid_field(plan, store, tools, progress)
+
+
+_ROUTES: dict[Model, Callable[[Plan, Store, dict[str, str], Progress], Made]] = {
+    "dem": _dem,
+    "fluid": _fluid,
+    "hybrid": _hybrid,
+}

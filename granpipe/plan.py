@@ -183,7 +183,7 @@ class _Scene:
         if "vessel" in self.case.figures:
             left.append(Stage("3-D picture", "there are no particles to show"))
         stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid"), self._results("fluid")]
-        return self._made("fluid", self._opening_cell(), stages, left, notes=unfit, seconds=FLUID_SECONDS)
+        return self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=unfit, seconds=FLUID_SECONDS)
 
     def _dem(self) -> Plan:
         settings = choose(self.case, self._vessel())
@@ -198,7 +198,7 @@ class _Scene:
         left = [Stage("fluid solve", "the DEM run covers the whole vessel"), *_left_out_of_decks(self.case)]
         steps = settings.particles * (settings.steps + _fill_steps(settings))
         rate = RATE * settings.ranks * (RANK_GAIN if settings.ranks > 1 else 1.0)
-        plan = self._made("dem", settings.classes.sauter_diameter / CELLS_PER_DIAMETER, stages, left)
+        plan = self._made("dem", self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER), stages, left)
         return replace(
             plan,
             settings=settings,
@@ -214,7 +214,8 @@ class _Scene:
         found = spans(case, self.needs, classes.d90, lambda z, side: float(self.outline.wall_radius(z, side)))
         if not found:
             raise CaseError("no section needs DEM; set model: auto or fluid, or model: dem in a section", ("model",))
-        parts = tuple((span, make_plan(sub_case(case, span))) for span in found)
+        grid = self._grid(classes.sauter_diameter / CELLS_PER_DIAMETER)
+        parts = tuple(self._part(span.on_levels(grid.z_edges.tolist()), grid) for span in found)
         stages = [Stage(f"DEM of {span.name}", self._why(span)) for span, _ in parts]
         rest = [n for n, why in self.needs.items() if not why]
         stages.append(
@@ -222,7 +223,7 @@ class _Scene:
         )
         stages.append(self._results("hybrid"))
         left = [Stage(f"DEM of {n}", self.verdicts[n].reason) for n in rest]
-        plan = self._made("hybrid", classes.sauter_diameter / CELLS_PER_DIAMETER, stages, left)
+        plan = self._made("hybrid", grid, stages, left)
         return replace(
             plan,
             parts=parts,
@@ -232,26 +233,30 @@ class _Scene:
             disk_bytes=sum(part.disk_bytes for _, part in parts),
         )
 
+    def _part(self, span: Span, grid: Grid) -> tuple[Span, Plan]:
+        """The plan of a sub-model, on the rows of the whole vessel's grid that it covers."""
+        plan = make_plan(sub_case(self.case, span))
+        rows = (grid.z_edges > span.cut_bottom - 0.5 * grid.cell) & (grid.z_edges < span.cut_top + 0.5 * grid.cell)
+        columns = math.ceil(plan.outline.r_max / grid.cell - 1e-9)
+        return span, replace(plan, grid=Grid(grid.r_edges[: columns + 1], grid.z_edges[rows]))
+
     def _why(self, span: Span) -> str:
         return "; ".join(f"{name}: {self.needs[name] or 'between its neighbours'}" for name in span.sections)
 
     def _made(
         self,
         model: Model,
-        cell: float,
+        grid: Grid,
         stages: list[Stage],
         left: list[Stage],
         notes: list[str] | None = None,
         seconds: float = 0.0,
     ) -> Plan:
-        given = self.case.homogenize.cell
-        size = cell if given == "auto" else float(given)
-        outline = self.outline
         return Plan(
             case=self.case,
-            outline=outline,
+            outline=self.outline,
             model=model,
-            grid=Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, size),
+            grid=grid,
             settings=None,
             parts=(),
             stages=tuple(stages),
@@ -262,6 +267,13 @@ class _Scene:
             seconds=seconds,
             disk_bytes=0.0,
         )
+
+    def _grid(self, cell: float) -> Grid:
+        """The grid that the case gives, or one of about this cell size [m]."""
+        given = self.case.homogenize.cell
+        outline = self.outline
+        size = cell if given == "auto" else float(given)
+        return Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, size)
 
     def _results(self, model: Model) -> Stage:
         figures = [f"figures: {name}" for name in self.case.figures if name == "rz" or model != "fluid"]

@@ -33,7 +33,7 @@ class Made:
     field: Field
     gates: tuple[Gate, ...]
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
-    production: Production | None = None
+    productions: tuple[Production, ...] = ()
     solution: FluidSolution | None = None
 
 
@@ -157,26 +157,27 @@ def _figures(folder: Path, plan: Plan, made: Made) -> None:
 
         obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
         rz_figures(made.field, outline.wall.tolist(), obstacles, folder / "figures")
-    if "vessel" in plan.case.figures and made.production is not None:
+    if "vessel" in plan.case.figures and made.productions:
         from granpipe.export.pictures import vessel_figure
 
-        particles = made.production.last_snapshot()
-        vessel_figure(
-            sorted(made.production.walls.glob("*.stl")),
-            particles.position,
-            particles.radius,
-            particles.velocity,
-            folder / "figures" / "vessel.png",
-        )
+        for number, production in enumerate(made.productions, start=1):
+            particles = production.last_snapshot()
+            vessel_figure(
+                sorted(production.walls.glob("*.stl")),
+                particles.position,
+                particles.radius,
+                particles.velocity,
+                folder / "figures" / ("vessel.png" if number == 1 else f"vessel-{number}.png"),
+            )
 
 
 def _logs(folder: Path, made: Made) -> None:
-    if made.production is None:
-        return
-    (folder / "logs").mkdir()
-    shutil.copyfile(made.production.settled / "output.txt", folder / "logs" / "settle.txt")
-    for log in sorted((made.production.folder / "logs").glob("*.txt")):
-        shutil.copyfile(log, folder / "logs" / log.name)
+    for number, production in enumerate(made.productions, start=1):
+        logs = folder / "logs" / ("" if number == 1 else str(number))
+        logs.mkdir(parents=True)
+        shutil.copyfile(production.settled / "output.txt", logs / "settle.txt")
+        for log in sorted((production.folder / "logs").glob("*.txt")):
+            shutil.copyfile(log, logs / log.name)
 
 
 def _write_json(path: Path, data: dict[str, Any]) -> None:

@@ -6,8 +6,8 @@ plate, and simulated alone. Here every sub-model is an ordinary case, so everyth
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -40,6 +40,14 @@ class Span:
     def name(self) -> str:
         """What to call its sub-model: first and last section."""
         return "_".join(dict.fromkeys((self.sections[0], self.sections[-1])))
+
+    def on_levels(self, levels: Sequence[float]) -> Span:
+        """The same span, cut where a grid has levels [m], outwards."""
+        return replace(
+            self,
+            cut_top=min(z for z in levels if z >= self.cut_top - 1e-9),
+            cut_bottom=max(z for z in levels if z <= self.cut_bottom + 1e-9),
+        )
 
 
 def spans(case: Case, needs: dict[str, str], d90: float, radius: Callable[[float, Side], float]) -> tuple[Span, ...]:

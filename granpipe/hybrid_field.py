@@ -1,0 +1,127 @@
+"""The hybrid route: DEM of the sections that need it, and a fluid of the whole vessel that follows it there.
+
+Sparta & Halvorsen (2017), their equations (3) and (4). The sub-models' grids are rows of the vessel's own grid, so that
+their stream functions are put together without interpolation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from granpipe.dem_field import dem_field, target_flow
+from granpipe.errors import CaseError
+from granpipe.field import Array, Field, Grid, Mask
+from granpipe.fluid.fictitious import FluidSolution, solve_fluid, to_field
+from granpipe.fluid.forcing import KnownFlow
+from granpipe.fluid_field import section_mesh, wall_law
+from granpipe.plan import Plan
+from granpipe.progress import Progress
+from granpipe.results import Made
+from granpipe.simulate import simulate
+from granpipe.store import Store
+from granpipe.submodel import Span
+
+Parts = list[tuple[Span, Made]]
+
+
+def hybrid_field(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
+    """Simulate every sub-model, then solve for the fluid that follows them."""
+    parts: Parts = []
+    for span, part in plan.parts:
+        progress.note(f"sub-model of section {span.name}")
+        parts.append((span, dem_field(part, simulate(part, store, tools, progress))))
+    progress.stage("fluid")
+    case = plan.case
+    packing = float(np.mean([made.field.bulk_packing for _, made in parts]))
+    known = known_flow(plan, parts)
+    solution = solve_fluid(section_mesh(plan), wall_law(case), target_flow(case, packing), case.fluid.order, known)
+    field = to_field(solution, plan.grid, plan.outline.inside_fraction(plan.grid), packing)
+    field = replace(field, bulk=_bulk(field, parts))
+    return Made(
+        field=field,
+        gates=tuple(gate for _, made in parts for gate in made.gates),
+        figures=_figures(field, solution, parts),
+        productions=tuple(production for _, made in parts for production in made.productions),
+        solution=solution,
+    )
+
+
+def known_flow(plan: Plan, parts: Parts) -> KnownFlow:
+    """The sub-models' stream functions on the vessel's grid, for a flow of 1 m³/s; between them the nearest row's."""
+    grid = plan.grid
+    psi = np.full((len(grid.z_edges), len(grid.r_edges)), np.nan)
+    for _, made in parts:
+        field = made.field
+        if field.psi is None:
+            raise CaseError(
+                "must be psi for a hybrid: only a stream function can be followed", ("homogenize", "method")
+            )
+        rows = _rows(field.grid, grid.z_edges)
+        unit = field.psi / (field.bulk_packing * field.bulk_flow)
+        psi[rows, : unit.shape[1]] = unit
+        psi[rows, unit.shape[1] :] = unit[:, -1:]
+    known = np.flatnonzero(np.isfinite(psi[:, 0]))
+    nearest = known[np.abs(np.arange(len(psi))[:, None] - known).argmin(axis=1)]
+    spans = [span for span, _ in parts]
+    margins = [m for span in spans for m in (span.cut_top - span.top, span.bottom - span.cut_bottom) if m > 0]
+    return KnownFlow(
+        r_edges=grid.r_edges,
+        z_edges=grid.z_edges,
+        psi=psi[nearest],
+        intervals=tuple((span.bottom, span.top) for span in spans),
+        ramp=min(margins, default=grid.cell),
+        force_factor=plan.case.fluid.force_factor,
+    )
+
+
+def _rows(part: Grid, z_edges: Array) -> slice:
+    """Where the levels of a sub-model's grid stand among those of the vessel."""
+    first = int(np.abs(z_edges - part.z_edges[0]).argmin())
+    return slice(first, first + len(part.z_edges))
+
+
+def _bulk(field: Field, parts: Parts) -> Mask:
+    """Solids everywhere inside, but for the voids that the sub-models found."""
+    bulk = field.bulk.copy()
+    for _, made in parts:
+        rows = _rows(made.field.grid, field.grid.z_edges)
+        cells = slice(rows.start, rows.stop - 1), slice(0, made.field.grid.shape[1])
+        bulk[cells] &= made.field.bulk
+    return bulk
+
+
+def _figures(field: Field, solution: FluidSolution, parts: Parts) -> dict[str, object]:
+    figures: dict[str, object] = {"unknowns": solution.unknowns, "residual": solution.residual}
+    for span, made in parts:
+        figures[f"dem of {span.name}"] = made.figures
+        figures[f"difference from the DEM in {span.name}"] = _difference(field, made.field, span.bottom, span.top)
+        if span.cut_top > span.top:
+            figures[f"difference at the upper seam of {span.name}"] = _difference(
+                field, made.field, span.top, span.cut_top
+            )
+        if span.cut_bottom < span.bottom:
+            figures[f"difference at the lower seam of {span.name}"] = _difference(
+                field, made.field, span.cut_bottom, span.bottom
+            )
+    return figures
+
+
+def _difference(field: Field, part: Field, low: float, high: float) -> float:
+    """E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells of both between two levels, A their ring areas × height."""
+    rows = _rows(part.grid, field.grid.z_edges)
+    at = slice(rows.start, rows.stop - 1)
+    columns = part.grid.shape[1]
+    chosen = part.bulk & field.bulk[at, :columns]
+    chosen &= ((part.grid.z_centres > low) & (part.grid.z_centres < high))[:, None]
+    mine = [values[at, :columns] * field.velocity_scale for values in _cell_velocity(field)]
+    theirs = [values * part.velocity_scale for values in _cell_velocity(part)]
+    weight = np.where(chosen, part.grid.ring_area, 0.0)
+    error = sum(float((weight * (a - b) ** 2).sum()) for a, b in zip(mine, theirs, strict=True))
+    return float(np.sqrt(error / sum(float((weight * b**2).sum()) for b in theirs)))
+
+
+def _cell_velocity(field: Field) -> tuple[Array, Array]:
+    """(nz, nr) both components of the solids flux at the middle of each cell [m/s]."""
+    return 0.5 * (field.flux_r[:, 1:] + field.flux_r[:, :-1]), 0.5 * (field.flux_z[1:] + field.flux_z[:-1])
