@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from granpipe.case import Case
 from granpipe.errors import DataError
-from granpipe.field import Field, Grid, level_flow
+from granpipe.field import Array, Field, Grid, level_flow
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import paper_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, measure_plug
+from granpipe.homogenize.psi_field import psi_field
+from granpipe.homogenize.statistics import onset
 from granpipe.plan import Plan
 from granpipe.quality import breach_gate, level_flow_gate, packing_gate, size_gate
 from granpipe.results import Made
 from granpipe.simulate import Production, read_json
-
-START_SHARE = 0.4
-"""Part of the production that is left out as transient unless the case says when to start averaging."""
 
 PLUG_DIAMETERS = 0.25
 """Height of the plug in which packing and flow are measured, in outlet diameters above the outlet."""
@@ -28,8 +29,9 @@ PLUG_DIAMETERS = 0.25
 def dem_field(plan: Plan, production: Production) -> Made:
     """Average the segments after the transient and make the field."""
     settings = plan.dem
-    sums = merge(_after_transient(list(production.sums()), plan.case, settings.duration))
-    field, plug = conserved_field(plan.case, plan.outline, sums, settings.classes.sauter_diameter)
+    parts = after_transient(list(production.sums()), plan.case)
+    conserved = conserved_field(plan.case, plan.outline, parts, settings.classes.sauter_diameter)
+    field, plug = conserved.field, conserved.plug
     settled = read_json(production.settled / "settle.json")
     reports = production.reports()
     assert field.raw_flux_z is not None
@@ -41,10 +43,11 @@ def dem_field(plan: Plan, production: Production) -> Made:
             packing_gate(plug.packing),
             *map(breach_gate, plan.breaches),
         ),
-        figures={
-            "averaged_from_s": sums.start,
-            "averaged_to_s": sums.stop,
-            "averaged_plate_travel_m": (sums.stop - sums.start) * settings.plate_speed,
+        figures=conserved.figures
+        | {
+            "averaged_from_s": parts[0].start,
+            "averaged_to_s": parts[-1].stop,
+            "averaged_plate_travel_m": (parts[-1].stop - parts[0].start) * settings.plate_speed,
             "solids_flow_m3_per_s": plug.solids_flow,
             "bulk_packing": plug.packing,
             "particles": reports[-1]["particles"],
@@ -57,14 +60,57 @@ def dem_field(plan: Plan, production: Production) -> Made:
     )
 
 
-def conserved_field(case: Case, outline: Outline, sums: Sums, diameter: float) -> tuple[Field, Plug]:
-    """The average made to conserve, scaled to the flow that the case asks for, and the plug that it was measured by."""
+@dataclass(frozen=True)
+class Conserved:
+    """A field made to conserve, the plug that it was measured by, and figures of the method."""
+
+    field: Field
+    plug: Plug
+    figures: dict[str, Any]
+
+
+def conserved_field(case: Case, outline: Outline, parts: Sequence[Sums], diameter: float) -> Conserved:
+    """The average of some segments, made to conserve by the case's method and scaled to the flow that it asks for."""
+    sums = merge(parts)
     inside = outline.inside_fraction(sums.grid)
     material = case.material
     given = None if material.bulk_density is None else material.bulk_density / material.density
     plug = measure_plug(sums, inside, _plug_range(outline, sums.grid), diameter, given)
     scale = target_flow(case, plug.packing) / plug.bulk_flow
-    return paper_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale), plug
+    if case.homogenize.method == "paper":
+        field = paper_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale)
+        return Conserved(field, plug, {})
+    fitted = psi_field(parts, inside, plug, diameter, scale)
+    figures: dict[str, Any] = {
+        "smoothing_length_m": fitted.smoothing_length,
+        "independent_blocks": fitted.blocks,
+        "storage_taken_off": fitted.storage,
+    }
+    if fitted.field.flux_z_se is not None:
+        figures["statistical_error"] = statistical_errors(fitted.field, outline)
+    return Conserved(fitted.field, plug, figures)
+
+
+def statistical_errors(field: Field, outline: Outline) -> dict[str, float]:
+    """E = √(Σ A SE² / Σ A F²) over the bulk cells, whole and per section; A the area of each ring."""
+    assert field.flux_r_se is not None
+    assert field.flux_z_se is not None
+    square = [_on_cells(a**2, b**2) for a, b in ((field.flux_r, field.flux_z), (field.flux_r_se, field.flux_z_se))]
+    weight = np.where(field.bulk, field.grid.ring_area, 0.0)
+    errors = {}
+    for name, section in {"whole": None, **outline.sections}.items():
+        rows = slice(None)
+        if section is not None:
+            z = field.grid.z_centres
+            rows = (z < section.z_top) & (z > section.z_bottom)  # type: ignore[assignment]
+        flux, error = (float((weight * values)[rows].sum()) for values in square)
+        errors[name] = float(np.sqrt(error / flux)) if flux > 0 else 0.0
+    return errors
+
+
+def _on_cells(flux_r: Array, flux_z: Array) -> Array:
+    """(nz, nr) sum of both components' squares, each the mean of its two faces."""
+    return 0.5 * (flux_r[:, 1:] + flux_r[:, :-1] + flux_z[1:] + flux_z[:-1])
 
 
 def target_flow(case: Case, packing: float) -> float:
@@ -76,12 +122,19 @@ def target_flow(case: Case, packing: float) -> float:
     return rate.mass / (case.material.density * packing)
 
 
-def _after_transient(every: list[Sums], case: Case, duration: float) -> list[Sums]:
-    start = START_SHARE * duration if case.homogenize.start == "auto" else float(case.homogenize.start)
-    kept = [sums for sums in every if sums.start >= start - 1e-9 * duration]
+def after_transient(parts: list[Sums], case: Case) -> list[Sums]:
+    """The segments from the start that the case gives, or from where the data become steady (MSER-5)."""
+    start = _onset_time(parts) if case.homogenize.start == "auto" else float(case.homogenize.start)
+    kept = [sums for sums in parts if sums.start >= start - 1e-9 * parts[-1].stop]
     if not kept:
-        raise DataError(f"no segment begins after homogenize.start = {start:g} s; the last at {every[-1].start:g} s")
+        raise DataError(f"no segment begins after homogenize.start = {start:g} s; the last at {parts[-1].start:g} s")
     return kept
+
+
+def _onset_time(parts: list[Sums]) -> float:
+    whole = merge(parts)
+    leave_out = onset(whole.level_flow, whole.solids, whole.kinetic)
+    return float(whole.time[leave_out]) if leave_out else 0.0
 
 
 def _plug_range(outline: Outline, grid: Grid) -> tuple[float, float]:

@@ -14,8 +14,11 @@ from granpipe.dem_field import conserved_field
 from granpipe.errors import DataError
 from granpipe.field import Field, Grid
 from granpipe.geometry.outline import Outline
-from granpipe.homogenize.assemble import homogenize_dumps, raw_field, unguided_plug
+from granpipe.homogenize.assemble import raw_field, unguided_plug
+from granpipe.homogenize.average import Collector, Sums, merge
 from granpipe.store import publishing
+
+_SEGMENTS = 20
 
 
 @dataclass(frozen=True)
@@ -40,15 +43,40 @@ def homogenize_files(request: Request, case: Case | None) -> Field:
     first = next(iter(read_dumps(request.dumps, request.columns)), None)
     if first is None or len(first) == 0:
         raise DataError(f"{request.dumps[0]}: no particles")
-    outline = None if case is None else Outline.from_case(case)
-    grid = _grid_round(first, request.cell) if outline is None else _grid_of(outline, request.cell)
-    snapshots = read_dumps(request.dumps, request.columns)
-    timed = ((snapshot.step * request.time_step, snapshot) for snapshot in snapshots)
-    sums = homogenize_dumps(timed, grid, start=request.start, stop=request.stop)
     diameter = _sauter_diameter(first)
-    if case is None or outline is None:
-        return raw_field(sums, np.ones(grid.shape), unguided_plug(sums), diameter)
-    return conserved_field(case, outline, sums, diameter)[0]
+    if case is None:
+        sums = merge(_segments(request, _grid_round(first, request.cell)))
+        return raw_field(sums, np.ones(sums.grid.shape), unguided_plug(sums), diameter)
+    outline = Outline.from_case(case)
+    grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, request.cell)
+    return conserved_field(case, outline, _segments(request, grid), diameter).field
+
+
+def _segments(request: Request, grid: Grid) -> list[Sums]:
+    """The dumps between start and stop in at most 2 × `_SEGMENTS` segments of equal numbers of snapshots."""
+    collector, parts, length, count = Collector(grid), [], 1, 0
+    first, last = np.inf, -np.inf
+    for snapshot in read_dumps(request.dumps, request.columns):
+        time = snapshot.step * request.time_step
+        first, last = min(first, time), time
+        if not request.start <= time <= request.stop:
+            continue
+        collector.add(time, snapshot)
+        count += 1
+        if count == length:
+            parts.append(collector.take())
+            count = 0
+        if len(parts) == 2 * _SEGMENTS:
+            parts = [merge(pair) for pair in zip(parts[::2], parts[1::2], strict=True)]
+            length *= 2
+    if count:
+        parts = [*parts[:-1], merge([*parts[-1:], collector.take()])]
+    if not parts:
+        raise DataError(
+            f"the snapshots run from {first:g} to {last:g} s; none lies between --start {request.start:g} s and "
+            f"--stop {request.stop:g} s"
+        )
+    return parts
 
 
 def write_field(field: Field, case: Case | None, folder: Path) -> None:
@@ -63,10 +91,6 @@ def write_field(field: Field, case: Case | None, folder: Path) -> None:
         write_vtu(field, aside / "field.vtu")
         if case is not None:
             write_comsol_folder(field, case, aside)
-
-
-def _grid_of(outline: Outline, cell: float) -> Grid:
-    return Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, cell)
 
 
 def _grid_round(snapshot: Snapshot, cell: float) -> Grid:
