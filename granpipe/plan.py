@@ -29,6 +29,9 @@ FILL_TIME = 3.0
 RANK_GAIN = 0.9
 """Parallel efficiency of up to four ranks on idle cores (measured with two: 0.9–1.05)."""
 
+LEAST_SEGMENTS = 4
+"""The ψ fit weighs the average by how segments differ; up to half of them may be transient."""
+
 FLUID_SECONDS = 3.0
 """Meshing and solving for the fictitious fluid, start-up included."""
 
@@ -187,6 +190,7 @@ class _Scene:
 
     def _dem(self) -> Plan:
         settings = choose(self.case, self._vessel())
+        self._check_duration(settings)
         reasons = "; ".join(f"{name}: {why}" for name, why in self.needs.items() if why) or "the case asks for it"
         stages = [
             Stage("walls", "LIGGGHTS needs the revolved walls, a reservoir and the outlet"),
@@ -207,6 +211,15 @@ class _Scene:
             seconds=steps / rate,
             disk_bytes=_disk(self.case, settings),
         )
+
+    def _check_duration(self, settings: Settings) -> None:
+        if self.case.homogenize.method == "psi" and settings.segments < LEAST_SEGMENTS:
+            segment = settings.segment_steps * settings.time_step
+            raise CaseError(
+                f"{self.case.dem.max_time:g} s is {settings.segments} segments of {segment:.3g} s; the ψ fit needs "
+                f"{LEAST_SEGMENTS}: make it {LEAST_SEGMENTS * segment:.2g} s or more, or set homogenize.method: paper",
+                ("dem", "max_time"),
+            )
 
     def _hybrid(self) -> Plan:
         case = self.case

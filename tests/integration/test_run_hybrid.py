@@ -1,0 +1,73 @@
+"""The hybrid on the real LIGGGHTS: DEM of the part that needs it, joined to the fictitious fluid of the rest."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from granpipe.case import read_case
+from granpipe.field import Field, divergence, level_flow
+from granpipe.pipeline import Outcome, plan_case, run_case
+from granpipe.progress import Silent
+
+pytestmark = pytest.mark.liggghts
+
+PIPE = """
+name: pipe
+outline:
+  unit: cm
+  wall: [[6, 40], [6, 10], [8.5, 10], [8.5, 0]]
+  sections: {pipe: [40, 10], chamber: [10, 0]}
+material:
+  density: 2000 kg/m^3
+  size: {diameter: 2 cm}
+contact: {friction: 0.3, rolling_friction: 0.1}
+flow_rate: 1 kg/s
+dem: {max_time: 3 s, ranks: 1}
+figures: []
+export: [vtk]
+"""
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    folder = tmp_path_factory.mktemp("hybrid")
+    (folder / "pipe.yaml").write_text(PIPE)
+    file = read_case(folder / "pipe.yaml")
+    assert plan_case(file).model == "hybrid"
+    return run_case(file, folder / "results", Silent())
+
+
+def test_the_field_conserves_and_carries_the_flow_asked_for(outcome: Outcome) -> None:
+    field = Field.load(outcome.folder / "field.npz")
+    flow = level_flow(field.flux_z, field.grid) * field.velocity_scale
+    np.testing.assert_allclose(flow, 1.0 / (2000 * field.bulk_packing), rtol=1e-10)
+    assert np.abs(divergence(field.flux_r, field.flux_z, field.grid)).max() < 1e-10
+
+
+def test_far_above_the_seam_the_pipe_is_a_plug(outcome: Outcome) -> None:
+    field = Field.load(outcome.folder / "field.npz")
+    top = field.flux_z[-2, :10]  # the pipe has 12 cells across its radius
+    np.testing.assert_allclose(top, top.mean(), rtol=1e-3)
+
+
+def test_the_forced_part_follows_the_dem_and_the_seam_is_reported(outcome: Outcome) -> None:
+    figures = json.loads((outcome.folder / "provenance.json").read_text())["figures"]
+    assert figures["difference from the DEM in chamber"] < 0.1
+    assert 0 < figures["difference at the upper seam of chamber"] < 0.5
+
+
+def test_dem_ran_on_the_sub_model_alone(outcome: Outcome) -> None:
+    """Half of the pipe is 0.2 m of 0.4 m: its particles, with their reservoir, stay below."""
+    from granpipe.dem.deck import DUMP_COLUMNS
+    from granpipe.dem.dump import read_snapshot
+
+    settled = list((outcome.folder.parent / ".store").glob("settle-*/settled.bin"))
+    assert len(settled) == 1
+    assert read_snapshot(settled[0], DUMP_COLUMNS).position[:, 2].max() < 0.4
+
+
+def test_the_fluid_is_written_on_its_mesh(outcome: Outcome) -> None:
+    assert (outcome.folder / "fluid.vtu").is_file()
