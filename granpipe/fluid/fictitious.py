@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granpipe.field import Array, Field, Grid, flux_from_psi
+from granpipe.fluid.forcing import KnownFlow, blended_walls, force_of
 from granpipe.fluid.stokes import solve_stokes
 from granpipe.fluid.stream import StreamFunction, nearest_stream_function
 from granpipe.fluid.wall_speed import WallLaw, boundary_data
@@ -54,8 +55,10 @@ class FluidSolution:
         return self.flow * self.stream.psi_at(grid.r_edges / self.length, grid.z_edges / self.length)
 
 
-def solve_fluid(mesh: RZMesh, law: WallLaw, flow: float, order: int = 2) -> FluidSolution:
-    """Solve for a flow Φ [m³/s, positive downwards] with elements of an order 2–4.
+def solve_fluid(
+    mesh: RZMesh, law: WallLaw, flow: float, order: int = 2, known: KnownFlow | None = None
+) -> FluidSolution:
+    """Solve for a flow Φ [m³/s, positive downwards] with elements of an order 2–4; the hybrid follows a known flow.
 
     The problem is linear and has no length of its own: it is solved for unit flow in a vessel of about unit size.
     """
@@ -63,7 +66,12 @@ def solve_fluid(mesh: RZMesh, law: WallLaw, flow: float, order: int = 2) -> Flui
     annulus = law.annulus and (law.annulus[0] / length, law.annulus[1] / length)
     unit_mesh, unit_law = replace(mesh, points=mesh.points / length), replace(law, annulus=annulus)
     data = boundary_data(unit_mesh, unit_law, 1.0, np.arange(order + 1) / order)
-    stokes = solve_stokes(unit_mesh, data)
+    forcing = None
+    if known is not None:
+        known.check_covers(mesh)
+        unit_known = known.in_units_of(length)
+        data, forcing = blended_walls(data, unit_known, unit_mesh), force_of(unit_known, unit_mesh)
+    stokes = solve_stokes(unit_mesh, data, forcing)
     stream = nearest_stream_function(stokes, data)
     u, w, psi = stream.at_points()
     speed = flow / length**2

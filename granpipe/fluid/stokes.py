@@ -20,7 +20,7 @@ from granpipe.fluid.elements import Space, dissection
 from granpipe.fluid.wall_speed import BoundaryData
 from granpipe.rzmesh import Index, RZMesh
 
-PRESSURE_SHIFT = 1e-13  # on the diagonal, of r h²: keeps pivots from zero; refinement takes it out again
+PRESSURE_SHIFT = 1e-13  # on the diagonal, of r h²/(1 + K): keeps pivots from zero; refinement takes it out again
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def solve_stokes(mesh: RZMesh, data: BoundaryData, forcing: Forcing | None = Non
     unknowns = _order(matrix, bound, space, pressure)
     if data.normal_held.all():  # the pressure is known up to a constant: the flows balance, so any node may be 0
         unknowns = unknowns[unknowns != len(right) - 1]
-    solution, residual = solve_ordered(matrix, right, unknowns, _shift(len(bound.node), pressure))
+    solution, residual = solve_ordered(matrix, right, unknowns, _shift(len(bound.node), pressure, forcing))
     u, w = np.split(P @ solution[: P.shape[1]] + bound.given, 2)
     return StokesSolution(space, u, w, solution[P.shape[1] :], len(right), residual)
 
@@ -97,13 +97,12 @@ def _momentum(space: Space, forcing: Forcing | None) -> tuple[Any, Array]:
     def push(g, at):  # type: ignore[no-untyped-def]
         return at.x[0] * at.factor * at.target * g
 
-    r, z = np.asarray(space.basis.global_coordinates())
-    factor = forcing.factor(r, z) if forcing else np.zeros_like(r)
+    factor = _factor(space, forcing)
     common = gradients.assemble(space.basis, factor=factor)
     matrix = sparse.block_diag([common + hoop.assemble(space.basis), common], format="csr")
     if not forcing:
         return matrix, np.zeros(2 * space.size)
-    target = forcing.target(r, z)
+    target = forcing.target(*np.asarray(space.basis.global_coordinates()))
     return matrix, np.concatenate([push.assemble(space.basis, factor=factor, target=part) for part in target])
 
 
@@ -123,15 +122,25 @@ def _divergence(space: Space, pressure: Space) -> Any:
     return sparse.hstack(forms, format="csr")
 
 
-def _shift(velocities: int, pressure: Space) -> Array:
-    """(n,) what is taken from the diagonal: nothing for velocities, 1e-13 ∫ r q² for pressures."""
+def _shift(velocities: int, pressure: Space, forcing: Forcing | None) -> Array:
+    """(n,) what is taken from the diagonal: nothing for velocities, 1e-13 ∫ r q²/(1 + K) for pressures.
+
+    A force that holds the velocity makes the pressure soft, like 1/K; the shift must stay small beside that.
+    """
     from skfem import BilinearForm
 
     @BilinearForm
     def mass(p, q, at):  # type: ignore[no-untyped-def]
-        return at.x[0] * p * q
+        return at.x[0] * p * q / (1 + at.factor)
 
-    return np.concatenate([np.zeros(velocities), PRESSURE_SHIFT * mass.assemble(pressure.basis).diagonal()])
+    softness = mass.assemble(pressure.basis, factor=_factor(pressure, forcing)).diagonal()
+    return np.concatenate([np.zeros(velocities), PRESSURE_SHIFT * softness])
+
+
+def _factor(space: Space, forcing: Forcing | None) -> Array:
+    """K at the quadrature points of a space; 0 without a force."""
+    r, z = np.asarray(space.basis.global_coordinates())
+    return forcing.factor(r, z) if forcing else np.zeros_like(r)
 
 
 def _order(matrix: Any, bound: Constraints, space: Space, pressure: Space) -> Index:

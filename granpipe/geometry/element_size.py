@@ -30,15 +30,18 @@ class ElementSize:
     Parameters
     ----------
     r, z, size : (n,) place and element size of each source [m]
+    bands : lower end, upper end and element size of further sources that fill whole ranges of z [m]
     """
 
     r: Array
     z: Array
     size: Array
+    bands: tuple[tuple[float, float, float], ...] = ()
 
     def at(self, r: float, z: float) -> float:
         """Element size at one point [m]."""
-        return float((self.size + GROWTH * np.hypot(self.r - r, self.z - z)).min())
+        near = float((self.size + GROWTH * np.hypot(self.r - r, self.z - z)).min())
+        return min(near, *(size + GROWTH * max(low - z, z - high, 0.0) for low, high, size in self.bands), np.inf)
 
     def at_all(self, points: Array) -> Array:
         """(n,) element size at each point (n, 2) [m]."""

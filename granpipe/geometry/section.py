@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ def mesh_section(
     *,
     cells_across: float = 10.0,
     corner_refinement: float = 10.0,
+    bands: Sequence[tuple[float, float, float]] = (),
 ) -> RZMesh:
     """Mesh the space between axis, wall and obstacles.
 
@@ -32,6 +33,7 @@ def mesh_section(
     sections : upper and lower end of each section [m]
     cells_across : elements from the axis to the wall, away from corners; half as many fit between two walls
     corner_refinement : how much smaller the elements at corners are
+    bands : lower end, upper end and largest element of ranges that a known flow needs to be fine [m]
 
     Returns
     -------
@@ -45,7 +47,8 @@ def mesh_section(
         {name: (top / scale, bottom / scale) for name, (top, bottom) in sections.items()},
         heights / scale,
     )
-    points, triangles = _triangulate(drawing, cells_across, corner_refinement)
+    unit_bands = [(low / scale, high / scale, size / scale) for low, high, size in bands]
+    points, triangles = _triangulate(drawing, cells_across, corner_refinement, unit_bands)
     edges = _boundary(triangles)
     names = drawing.names(points[edges].mean(axis=1))
     points[edges[names == "axis"], 0] = 0.0
@@ -101,7 +104,9 @@ def _with_heights(wall: Array, heights: Array) -> Array:
 # --- gmsh -------------------------------------------------------------------------------------------------------------
 
 
-def _triangulate(drawing: _Drawing, cells_across: float, corner_refinement: float) -> tuple[Array, Index]:
+def _triangulate(
+    drawing: _Drawing, cells_across: float, corner_refinement: float, bands: Sequence[tuple[float, float, float]]
+) -> tuple[Array, Index]:
     """Points (n, 2) and triangles (m, 3), counter-clockwise, of the part that joins inlet and outlet."""
     with gmsh_session("mesh the r–z section") as gmsh:
         for source in ("FromPoints", "ExtendFromBoundary", "FromCurvature"):
@@ -111,6 +116,7 @@ def _triangulate(drawing: _Drawing, cells_across: float, corner_refinement: floa
         names = drawing.names(segments.mean(axis=1))
         end = (names == "inlet") | (names == "outlet")
         size = element_size(segments, names == "axis", end, drawing.law_heights, cells_across, corner_refinement)
+        size = replace(size, bands=tuple(bands))
         gmsh.model.mesh.setSizeCallback(lambda dim, tag, r, z, y, lc: size.at(r, z))
         gmsh.model.mesh.generate(2)
         tags, coordinates, _ = gmsh.model.mesh.getNodes()

@@ -102,6 +102,18 @@ def test_a_gap_gets_several_elements_across():
     assert inside.sum() > 3 * 0.1 / 0.01 * 3  # three rows, elements no longer than a third of the gap
 
 
+def test_a_band_is_as_fine_as_asked_and_the_rest_is_not():
+    coarse, banded = mesh_section(PIPE, {}, {}), mesh_section(PIPE, {}, {}, bands=[(0.4, 0.8, 0.02)])
+
+    def largest(mesh: RZMesh, low: float, high: float) -> float:
+        z = mesh.points[mesh.triangles, 1].mean(axis=1)
+        return float(np.sqrt(4 / np.sqrt(3) * areas(mesh)[(z > low) & (z < high)].max()))
+
+    assert largest(coarse, 0.4, 0.8) > 0.08
+    assert largest(banded, 0.4, 0.8) < 0.03
+    assert largest(banded, 1.4, 2.0) > 0.08
+
+
 def test_pockets_that_obstacles_close_off_are_left_out():
     c_shape = [[0.8, 1.5], [1, 1.5], [1, 1.4], [0.9, 1.4], [0.9, 1.2], [1, 1.2], [1, 1.1], [0.8, 1.1]]
     mesh = mesh_section(PIPE, {"c": np.array(c_shape)}, {})
