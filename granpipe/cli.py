@@ -154,6 +154,31 @@ def scale(result: Path, flow: str, out: Path) -> None:
 
 
 @main.command()
+@click.argument("one", type=click.Path(path_type=Path))
+@click.argument("other", type=click.Path(path_type=Path))
+@click.option("--tolerance", default="5 %", show_default=True, help="Difference up to which two fields agree.")
+def compare(one: Path, other: Path, tolerance: str) -> None:
+    """Compare the fields of two results folders, ONE and OTHER, section by section.
+
+    They agree only where the 95 % upper bound of the difference without noise lies within the tolerance.
+    """
+    from granpipe.compare import compare as compare_fields
+    from granpipe.dem.sizes import size_classes
+    from granpipe.field import Field
+    from granpipe.units import NUMBER, in_si
+
+    limit = _quantity(in_si, tolerance, NUMBER, "--tolerance")
+    case = _read(one / "case.yaml", ()).case
+    diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
+    levels = {name: (section.z_top, section.z_bottom) for name, section in case.outline.sections.items()}
+    found = compare_fields(Field.load(one / "field.npz"), Field.load(other / "field.npz"), levels, diameter)
+    click.echo(f"{'section':<12}{'difference':>12}{'noise':>10}{'noise-free':>12}{'95 % below':>12}")
+    for d in found:
+        numbers = f"{d.observed:>12.2%}{d.noise:>10.2%}{d.noise_free:>12.2%}{d.upper:>12.2%}"
+        click.echo(f"{d.name:<12}{numbers}  {d.verdict(limit)}")
+
+
+@main.command()
 @_RESULTS
 def clean(results: Path) -> None:
     """Delete the store of intermediate stages; results folders stay."""

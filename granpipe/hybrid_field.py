@@ -38,7 +38,8 @@ def hybrid_field(plan: Plan, store: Store, tools: dict[str, str], progress: Prog
     known = known_flow(plan, parts)
     solution = solve_fluid(section_mesh(plan), wall_law(case), target_flow(case, packing), case.fluid.order, known)
     field = to_field(solution, plan.grid, plan.outline.inside_fraction(plan.grid), packing)
-    field = replace(field, bulk=_bulk(field, parts))
+    errors = _errors(field, parts)
+    field = replace(field, bulk=_bulk(field, parts), flux_r_se=errors[0], flux_z_se=errors[1])
     return Made(
         field=field,
         gates=tuple(gate for _, made in parts for gate in made.gates),
@@ -90,6 +91,20 @@ def _bulk(field: Field, parts: Parts) -> Mask:
         cells = slice(rows.start, rows.stop - 1), slice(0, made.field.grid.shape[1])
         bulk[cells] &= made.field.bulk
     return bulk
+
+
+def _errors(field: Field, parts: Parts) -> tuple[Array | None, Array | None]:
+    """Standard errors of the flux where the fluid follows a DEM that has them; the fluid of its own has no noise."""
+    error_r, error_z = np.zeros_like(field.flux_r), np.zeros_like(field.flux_z)
+    for _, made in parts:
+        part = made.field
+        if part.flux_r_se is None or part.flux_z_se is None:
+            return None, None
+        rows = _rows(part.grid, field.grid.z_edges)
+        scale = part.velocity_scale / field.velocity_scale
+        error_r[rows.start : rows.stop - 1, : part.flux_r_se.shape[1]] = part.flux_r_se * scale
+        error_z[rows, : part.flux_z_se.shape[1]] = part.flux_z_se * scale
+    return error_r, error_z
 
 
 def _figures(field: Field, solution: FluidSolution, parts: Parts) -> dict[str, object]:

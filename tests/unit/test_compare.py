@@ -1,0 +1,75 @@
+"""Comparing fields: the noise-free difference is found under noise, and the verdict is careful."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from granpipe.compare import Difference, compare
+from granpipe.errors import DataError
+from granpipe.field import Field, Grid, flux_from_psi
+
+GRID = Grid.covering(1.0, 0.0, 2.0, 0.02)
+LEVELS = {"upper": (2.0, 1.0), "lower": (1.0, 0.0)}
+
+
+def plug(factor: float = 1.0) -> Field:
+    psi = np.tile(-0.5 * GRID.r_edges**2, (len(GRID.z_edges), 1))
+    psi[: GRID.shape[0] // 2] *= factor
+    flux_r, flux_z = flux_from_psi(psi, GRID)
+    ones = np.ones(GRID.shape)
+    return Field(GRID, ones, ones > 0, np.zeros_like(flux_r), flux_z, np.pi, 1.0, 1.0)
+
+
+def noisy(field: Field, sigma: float, seed: int) -> Field:
+    rng = np.random.default_rng(seed)
+    noise = sigma * rng.standard_normal(field.flux_z.shape)
+    error_z = np.full_like(field.flux_z, sigma / np.sqrt(2))  # at the middle of a cell two faces are averaged
+    return replace(field, flux_z=field.flux_z + noise, flux_r_se=np.zeros_like(field.flux_r), flux_z_se=error_z)
+
+
+def by_name(found: list[Difference]) -> dict[str, Difference]:
+    return {d.name: d for d in found}
+
+
+def test_a_difference_is_found_in_its_section_and_not_hidden_by_the_other() -> None:
+    found = by_name(compare(plug(), plug(1.1), LEVELS, GRID.cell))
+    assert found["lower"].noise_free == pytest.approx(0.1, rel=0.02)
+    assert found["upper"].noise_free == pytest.approx(0.0, abs=0.01)
+    assert found["lower"].verdict(0.05) == "differ"
+
+
+def test_noise_alone_is_no_difference() -> None:
+    upper = []
+    for seed in range(20):
+        found = by_name(compare(noisy(plug(), 0.1, seed), noisy(plug(), 0.1, 100 + seed), LEVELS, GRID.cell))["whole"]
+        assert found.noise == pytest.approx(0.1, rel=0.05)
+        assert found.noise_free < 0.03
+        upper.append(found.upper)
+    assert np.median(upper) < 0.05
+
+
+def test_a_difference_under_noise_stays_below_its_bound() -> None:
+    """Cells share their faces, so their errors are correlated over two cells: that is the diameter here."""
+    covered = 0
+    for seed in range(20):
+        one, other = noisy(plug(), 0.1, seed), noisy(plug(1.05), 0.1, 100 + seed)
+        found = by_name(compare(one, other, LEVELS, 2 * GRID.cell))["lower"]
+        assert found.noise_free == pytest.approx(0.05, abs=0.015)
+        covered += found.upper > 0.05 * np.sqrt(0.99)
+    assert covered >= 18
+
+
+def test_too_much_noise_leaves_it_unresolved() -> None:
+    assert Difference("x", 0.1, 0.1, 0.01, 0.08).verdict(0.05) == "unresolved"
+    assert Difference("x", 0.1, 0.02, 0.01, 0.04).verdict(0.05) == "agree"
+
+
+def test_other_grids_are_refused() -> None:
+    other = Grid.covering(1.0, 0.0, 2.0, 0.05)
+    ones = np.ones(other.shape)
+    field = Field(other, ones, ones > 0, np.zeros((40, 21)), np.zeros((41, 20)), 1.0, 1.0, 1.0)
+    with pytest.raises(DataError, match=r"homogenize\.cell"):
+        compare(plug(), field, LEVELS, 0.1)
