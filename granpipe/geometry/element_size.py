@@ -71,7 +71,7 @@ def element_size(
     """
     nothing = ElementSize(np.zeros(1), np.zeros(1), np.full(1, np.inf))
     wide = nothing.joined(*_widths(segments, axis, end, cells_across)).joined(*_narrows(segments, axis, cells_across))
-    return wide.joined(*_corners(segments, ~axis & ~end, law_heights, wide, corner_refinement))
+    return wide.joined(*_corners(segments, axis, end, law_heights, wide, corner_refinement))
 
 
 def _widths(segments: Array, axis: Mask, end: Mask, cells_across: float) -> tuple[Array, Array]:
@@ -148,15 +148,16 @@ def _narrows(segments: Array, axis: Mask, cells_across: float) -> tuple[Array, A
 
 
 def _corners(
-    segments: Array, solid: Mask, law_heights: Array, wide: ElementSize, refinement: float
+    segments: Array, axis: Mask, end: Mask, law_heights: Array, wide: ElementSize, refinement: float
 ) -> tuple[Array, Array]:
-    """Corners of walls and obstacles (n, 2), and the size there (n,)."""
-    before, after = np.nonzero(_meets(segments[:, 1], segments[:, 0]) & solid[:, None] & solid)
+    """Corners of walls and obstacles and jumps along the outlet (n, 2), and the size there (n,)."""
+    alike = (end[:, None] == end) & ~axis[:, None] & ~axis
+    before, after = np.nonzero(_meets(segments[:, 1], segments[:, 0]) & alike)
     corner, along = segments[after, 0], segments[:, 1] - segments[:, 0]
     length = np.linalg.norm(along, axis=1)
     turn = np.abs(np.arctan2(cross(along[before], along[after]), np.sum(along[before] * along[after], axis=1)))
     upright = np.abs(along[:, 0]) < TOLERANCE * length
     jump = np.isclose(corner[:, 1:], law_heights, rtol=0, atol=TOLERANCE * np.abs(segments).max()).any(axis=1)
-    sharp = (turn > SHARP) | (upright[before] != upright[after]) | jump
+    sharp = (turn > SHARP) | (upright[before] != upright[after]) | jump | end[before]
     room = np.minimum(np.minimum(length[before], length[after]), wide.at_all(corner))
     return corner[sharp], room[sharp] / refinement

@@ -23,6 +23,7 @@ def mesh_section(
     cells_across: float = 10.0,
     corner_refinement: float = 10.0,
     bands: Sequence[tuple[float, float, float]] = (),
+    outlet_radii: Sequence[float] = (),
 ) -> RZMesh:
     """Mesh the space between axis, wall and obstacles.
 
@@ -34,6 +35,7 @@ def mesh_section(
     cells_across : elements from the axis to the wall, away from corners; half as many fit between two walls
     corner_refinement : how much smaller the elements at corners are
     bands : lower end, upper end and largest element of ranges that a known flow needs to be fine [m]
+    outlet_radii : where the outflow jumps, as at the edges of an annular outlet [m]
 
     Returns
     -------
@@ -46,6 +48,7 @@ def mesh_section(
         {name: ring / scale for name, ring in obstacles.items()},
         {name: (top / scale, bottom / scale) for name, (top, bottom) in sections.items()},
         heights / scale,
+        np.sort(np.asarray(outlet_radii, dtype=float))[::-1] / scale,
     )
     unit_bands = [(low / scale, high / scale, size / scale) for low, high, size in bands]
     points, triangles = _triangulate(drawing, cells_across, corner_refinement, unit_bands)
@@ -63,6 +66,7 @@ class _Drawing:
     obstacles: Mapping[str, Array]
     sections: Mapping[str, tuple[float, float]]
     law_heights: Array
+    outlet_radii: Array
 
     def names(self, points: Array) -> Names:
         """(n,) what each boundary point (n, 2) belongs to."""
@@ -131,8 +135,10 @@ def _passage(drawing: _Drawing) -> tuple[int, Array]:
     """gmsh's face that joins inlet and outlet, and its boundary (k, 2, 2) with the inside on the left."""
     import gmsh
 
-    on_axis = drawing.wall[[0, -1]] * [0.0, 1.0]
-    shell = _polygon(np.vstack([on_axis[:1], drawing.wall, on_axis[1:]]))
+    (top, bottom), radii = drawing.wall[[0, -1], 1], drawing.outlet_radii
+    radii = radii[(radii > TOLERANCE) & (radii < drawing.wall[-1, 0] - TOLERANCE)]
+    outlet = np.stack([radii, np.full(len(radii), bottom)], axis=1)
+    shell = _polygon(np.vstack([[[0.0, top]], drawing.wall, outlet, [[0.0, bottom]]]))
     if drawing.obstacles:
         gmsh.model.occ.cut([(2, shell)], [(2, _polygon(ring)) for ring in drawing.obstacles.values()])
     gmsh.model.occ.synchronize()

@@ -114,6 +114,14 @@ def test_a_band_is_as_fine_as_asked_and_the_rest_is_not():
     assert largest(banded, 1.4, 2.0) > 0.08
 
 
+def test_outlet_has_fine_points_where_its_flow_jumps():
+    mesh = mesh_section(PIPE, {}, {}, outlet_radii=(0.3, 0.6))
+    r = np.sort(mesh.points[mesh.points[:, 1] == 0, 0])
+    for radius in (0.3, 0.6):
+        assert np.abs(r - radius).min() < 1e-12
+        assert np.diff(r)[np.abs(r[1:] - radius).argmin()] < 0.03
+
+
 def test_pockets_that_obstacles_close_off_are_left_out():
     c_shape = [[0.8, 1.5], [1, 1.5], [1, 1.4], [0.9, 1.4], [0.9, 1.2], [1, 1.2], [1, 1.1], [0.8, 1.1]]
     mesh = mesh_section(PIPE, {"c": np.array(c_shape)}, {})
