@@ -33,7 +33,7 @@ REPOSE = np.radians(30)
 
 _KEPT_RESTARTS = 2
 _AT_ONCE = 8  # snapshots
-_VERSION = 1
+_VERSION = 2
 
 
 @dataclass(frozen=True)
