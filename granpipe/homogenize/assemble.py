@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, Grid, level_flow
-from granpipe.homogenize.average import Collector, Particles, Sampling, Sums
+from granpipe.homogenize.average import Sums
 from granpipe.homogenize.conserve import Plug, scale_rows
 from granpipe.homogenize.smooth import bulk_mask, flowing_faces, smooth
 
@@ -61,32 +60,6 @@ def paper_field(
     flux = scale_rows(raw.flux_r * faces[0], raw.flux_z * faces[1], raw.grid, plug.solids_flow)
     flux = scale_rows(*smooth(*flux, faces, passes), raw.grid, plug.solids_flow)
     return replace(raw, flux_r=flux[0], flux_z=flux[1])
-
-
-def homogenize_dumps(
-    snapshots: Iterable[tuple[float, Particles]],
-    grid: Grid,
-    *,
-    start: float = -np.inf,
-    stop: float = np.inf,
-    sampling: Sampling = "velocity",
-) -> Sums:
-    """Average snapshots, given with their times [s] in order, from `start` to `stop` [s]."""
-    collector = Collector(grid, sampling)
-    first = last = None
-    for time, particles in snapshots:
-        first = time if first is None else first
-        last = time
-        if start <= time <= stop:
-            collector.add(time, particles)
-    if first is None:
-        raise DataError("no snapshots")
-    try:
-        return collector.take()
-    except DataError as error:
-        raise DataError(
-            f"{error}: the snapshots run from {first:g} to {last:g} s, wanted {start:g} to {stop:g} s"
-        ) from error
 
 
 def unguided_plug(sums: Sums) -> Plug:

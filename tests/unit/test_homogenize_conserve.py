@@ -8,7 +8,7 @@ from fakes.analytic_flow import ConvergingFlow
 
 from granpipe.errors import DataError
 from granpipe.field import Grid, level_flow
-from granpipe.homogenize.assemble import homogenize_dumps, packing_fraction, paper_field, raw_field, unguided_plug
+from granpipe.homogenize.assemble import packing_fraction, paper_field, raw_field, unguided_plug
 from granpipe.homogenize.average import Sums
 from granpipe.homogenize.conserve import measure_plug, scale_rows
 
@@ -136,18 +136,3 @@ def test_plug_without_an_outline_is_estimated_from_the_fullest_cells():
     assert plug.solids_flow == pytest.approx(0.02, rel=1e-12)
     with pytest.raises(DataError, match="no particles"):
         unguided_plug(replace(sums, volume=np.zeros(GRID.shape)))
-
-
-def test_dumps_are_averaged_between_the_times_asked_for():
-    class Lump:
-        id = np.array([1])
-        position = np.array([[0.1, 0.0, 0.5]])
-        velocity = np.array([[0.0, 0.0, -0.1]])
-        radius = np.array([0.03])
-
-    sums = homogenize_dumps(((float(t), Lump()) for t in range(10)), GRID, start=3, stop=7)
-    assert (sums.start, sums.stop, sums.weight) == (3, 7, 5)
-    with pytest.raises(DataError, match="run from 0 to 9 s, wanted 20"):
-        homogenize_dumps(((float(t), Lump()) for t in range(10)), GRID, start=20, stop=70)
-    with pytest.raises(DataError, match="no snapshots"):
-        homogenize_dumps([], GRID)
