@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -60,6 +61,7 @@ def _dem(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) ->
     from granpipe.dem_field import dem_field
     from granpipe.simulate import simulate
 
+    _require_programs(plan, plan.dem.ranks)
     production = simulate(plan, store, tools, progress)
     progress.stage("field")
     return dem_field(plan, production)
@@ -75,7 +77,20 @@ def _fluid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) 
 def _hybrid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
     from granpipe.hybrid_field import hybrid_field
 
+    _require_programs(plan, max(part.dem.ranks for _, part in plan.parts))
     return hybrid_field(plan, store, tools, progress)
+
+
+def _require_programs(plan: Plan, ranks: int) -> None:
+    """Refuse before the long work what would fail after it: without EGL or a display VTK ends the whole process."""
+    from granpipe.doctor import require
+
+    needed = ["gmsh library"]
+    if ranks > 1:
+        needed.append("mpirun")
+    if "vessel" in plan.case.figures and not os.environ.get("DISPLAY"):
+        needed.append("EGL library")
+    require(*needed)
 
 
 _ROUTES: dict[Model, Callable[[Plan, Store, dict[str, str], Progress], Made]] = {

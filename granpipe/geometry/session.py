@@ -19,8 +19,10 @@ def gmsh_session(task: str) -> Iterator[Any]:
     It takes the handler of SIGTERM away when it starts, so that a run could not be ended cleanly: the handlers are put
     back.
     """
-    import gmsh
-
+    try:
+        import gmsh
+    except OSError as error:
+        raise MeshError(f"gmsh's library does not load ({error}): granpipe doctor says what to install") from error
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     _restore_handlers()
     try:
