@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Grid
-from granpipe.homogenize.deposit import Deposit, deposit
+from granpipe.homogenize.deposit import Deposit, deposit, deposit_paths
 
 Sampling = Literal["velocity", "displacement"]
 
@@ -162,13 +162,11 @@ class Collector:
     grid : the deposition grid
     sampling : see `Sums`
     points : Gauss points over a cell's height
-    path_points : Gauss points along a path between two snapshots, for ``displacement``
+    path_density : points along the paths between two snapshots, in parts of the usual number, for ``displacement``
     """
 
-    def __init__(self, grid: Grid, sampling: Sampling = "velocity", points: int = 3, path_points: int = 2) -> None:
-        self.grid, self.sampling, self.points = grid, sampling, points
-        node, weight = np.polynomial.legendre.leggauss(path_points)
-        self._path = list(zip(0.5 + 0.5 * node, 0.5 * weight, strict=True))
+    def __init__(self, grid: Grid, sampling: Sampling = "velocity", points: int = 3, path_density: float = 1.0) -> None:
+        self.grid, self.sampling, self.points, self.path_density = grid, sampling, points, path_density
         self._last: tuple[float, Particles] | None = None
         self._last_volume: Array | None = None
         self._begin()
@@ -202,13 +200,9 @@ class Collector:
         _, at_old, at_new = np.intersect1d(old.id, new.id, return_indices=True)
         start, radius = old.position[at_old], new.radius[at_new]
         path = new.position[at_new] - start
-        velocity = path / (now - before)
-        parts = [deposit(start + x * path, radius, velocity, self.grid, self.points) for x, _ in self._path]
-        weights = [weight for _, weight in self._path]
-        sample = Deposit(
-            *(sum(w * array for w, array in zip(weights, arrays, strict=True)) for arrays in zip(*parts, strict=True))
-        )
-        self._take(0.5 * (before + now), now - before, sample, start[:, 2] + 0.5 * path[:, 2], radius, velocity)
+        sample = deposit_paths(start, path, radius, now - before, self.grid, self.points, self.path_density)
+        middle = start[:, 2] + 0.5 * path[:, 2]
+        self._take(0.5 * (before + now), now - before, sample, middle, radius, path / (now - before))
 
     def _take(self, time: float, weight: float, sample: Deposit, z: Array, radius: Array, velocity: Array) -> None:
         """Add one sample to the sums and to the series."""

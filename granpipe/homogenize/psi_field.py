@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -17,10 +17,10 @@ from granpipe.homogenize.psi_fit import PsiFit, Weights, node_roles
 from granpipe.homogenize.smooth import flowing_faces
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
 
-SMOOTHING_LENGTH = 0.45
-"""ℓ in particle diameters."""
+SMOOTHING_LENGTHS = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
+"""Candidates for ℓ, in particle diameters."""
 
-CLEARANCE = 1.0
+CLEARANCE = 1.25
 """Nothing is smoothed within this many particle diameters of walls and voids."""
 
 _VARIANCE_REACH = 1.0  # diameters: the variance is seen through a Gaussian of this width
@@ -30,9 +30,25 @@ _MOST_STORAGE = 0.2  # of the flow
 Flux = tuple[Array, Array]
 
 
+@dataclass(frozen=True)
+class PsiFitted:
+    """A field made by the ψ fit, and how.
+
+    field : the field
+    smoothing_length : ℓ [m], the candidate that predicts left-out blocks best
+    blocks : how many nearly independent blocks the standard errors rest on; none are given below 7
+    storage : largest part of the flow that gathers between the plug and a level, taken off before the fit
+    """
+
+    field: Field
+    smoothing_length: float
+    blocks: int
+    storage: float
+
+
 def psi_field(
     parts: Sequence[Sums], inside_fraction: Array, plug: Plug, diameter: float, flow_scale: float = 1.0
-) -> Field:
+) -> PsiFitted:
     """Fit ψ to the average of some segments, and to that of each block of them for the standard error.
 
     Parameters
@@ -49,20 +65,37 @@ def psi_field(
     raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
     independent = blocks(parts) if len(parts) >= LEAST_BLOCKS else list(parts)
     raw_se = _standard_errors([block.mean_flux for block in independent])
-    grid = sums.grid
-    faces = flowing_faces(raw.bulk, inside_fraction)
-    weights = _weights(raw_se, faces, grid, diameter)
+    weights = _weights(raw_se, flowing_faces(raw.bulk, inside_fraction), sums.grid, diameter)
     roles = node_roles(inside_fraction, raw.bulk)
-    fit = PsiFit(grid, roles, weights, SMOOTHING_LENGTH * diameter, CLEARANCE * diameter)
     steady = _Steady(sums, plug)
+    data = [(steady.flux(block), steady.plug_flow(block)) for block in independent]
+    candidates = [
+        PsiFit(sums.grid, roles, weights, length * diameter, CLEARANCE * diameter) for length in SMOOTHING_LENGTHS
+    ]
+    fit = min(candidates, key=lambda candidate: _prediction_error(candidate, data, weights))
     psi = fit.solve(*steady.flux(sums), plug.solids_flow)
-    flux = flux_from_psi(psi, grid)
-    field = replace(raw, psi=psi, flux_r=flux[0], flux_z=flux[1])
-    if len(parts) < LEAST_BLOCKS:
-        return field
-    refits = [flux_from_psi(fit.solve(*steady.flux(block), steady.plug_flow(block)), grid) for block in independent]
-    se = _standard_errors(refits)
-    return replace(field, raw_flux_r_se=raw_se[0], raw_flux_z_se=raw_se[1], flux_r_se=se[0], flux_z_se=se[1])
+    flux_r, flux_z = flux_from_psi(psi, sums.grid)
+    field = replace(raw, psi=psi, flux_r=flux_r, flux_z=flux_z)
+    if len(parts) >= LEAST_BLOCKS:
+        se = _standard_errors([flux_from_psi(fit.solve(*flux, flow), sums.grid) for flux, flow in data])
+        field = replace(field, raw_flux_r_se=raw_se[0], raw_flux_z_se=raw_se[1], flux_r_se=se[0], flux_z_se=se[1])
+    return PsiFitted(field, fit.smoothing_length, len(independent), steady.storage)
+
+
+def _prediction_error(fit: PsiFit, data: Sequence[tuple[Flux, float]], weights: Weights) -> float:
+    """Weighted squares of what each block holds less what the fit to all others says: cross-validation.
+
+    The noise of the block left out is in it, the same for every fit; what differs is the fit's own error.
+    """
+    count = len(data)
+    total = [sum(flux[axis] for flux, _ in data) for axis in (0, 1)]
+    all_flow = sum(flow for _, flow in data)
+    error = 0.0
+    for flux, flow in data:
+        rest = [(whole - own) / (count - 1) for whole, own in zip(total, flux, strict=True)]
+        told = flux_from_psi(fit.solve(rest[0], rest[1], (all_flow - flow) / (count - 1)), fit.grid)
+        error += float((weights.r * (told[0] - flux[0]) ** 2).sum() + (weights.z * (told[1] - flux[1]) ** 2).sum())
+    return error
 
 
 class _Steady:
@@ -79,11 +112,12 @@ class _Steady:
         self._flow = level_flow(self._mean[1], sums.grid)
         excess = self._excess(sums)
         worst = int(np.argmax(np.abs(excess)))
-        if abs(excess[worst]) > _MOST_STORAGE * plug.solids_flow or self._flow.min() <= 0:
+        self.storage = float(abs(excess[worst]) / plug.solids_flow)
+        if self.storage > _MOST_STORAGE or self._flow.min() <= 0:
             raise DataError(
-                f"the filling changes too fast for a steady field: {abs(excess[worst]) / plug.solids_flow:.0%} of the "
-                f"flow gathers below z = {sums.grid.z_edges[worst]:g} m ({_MOST_STORAGE:.0%} are allowed); average "
-                "later or longer"
+                f"the filling changes too fast for a steady field: between the plug and z = "
+                f"{sums.grid.z_edges[worst]:g} m {self.storage:.0%} of the flow gathers, of which {_MOST_STORAGE:.0%} "
+                "are allowed; average later or longer"
             )
 
     def plug_flow(self, sums: Sums) -> float:

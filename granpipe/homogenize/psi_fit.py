@@ -5,7 +5,7 @@ Minimised over the nodes' ψ, with F(ψ) the flux that ψ makes through each fac
     Σ_faces (F(ψ) − F_data)² / s²  +  (ℓ/h)⁴ Σ_faces |δ²F(ψ)|² / s²,      |δ²F|² = F_rr² + 2 F_rz² + F_zz²
 
 with s the statistical error of the data (a smooth model of it), δ² second differences between neighbouring faces, and
-ℓ the smoothing length: waves longer than 2πℓ pass. The second sum leaves out faces within a given distance of walls
+ℓ the smoothing length: waves longer than 2πℓ pass. The second sum leaves out what lies within a given distance of walls
 and voids, where the flux changes over a fraction of a particle. ψ is 0 on the axis and on what touches it, the wall's
 value on the outer wall and on all that is connected to it (obstacles, cavities, the void over a free surface), and an
 unknown constant on each body that touches neither.
@@ -101,7 +101,7 @@ class PsiFit:
     """
 
     def __init__(self, grid: Grid, roles: Roles, weights: Weights, smoothing_length: float, clearance: float) -> None:
-        self.grid = grid
+        self.grid, self.smoothing_length = grid, smoothing_length
         self._shape = roles.shape
         self._unknowns = _unknowns(roles)
         flux = _flux_operators(grid)
@@ -166,23 +166,27 @@ def _far_faces(roles: Roles, grid: Grid, clearance: float) -> tuple[Mask, Mask]:
 
 
 def _second_differences(smooth: Mask, mirror: int) -> list[tuple[sparse.csr_matrix, int]]:
-    """Operators faces → F_rr, F_zz (counted once) and F_rz (twice), their rows blanked where `smooth` is False.
+    """Operators faces → F_rr, F_zz (counted once) and F_rz (twice); only those all of whose faces are in `smooth`.
 
     Across the axis the field goes on as its mirror image: F_z stands half a cell off it and is even (`mirror` = 1),
     F_r stands on it, is odd, and its F_rr vanishes there.
     """
     rows, columns = smooth.shape
-    keep = sparse.diags_array(smooth.ravel().astype(float))
     bend_r = _bend(columns).tolil()
     if mirror == 1 and columns > 1:
         bend_r[0, :2] = [-1, 1]
     slope_r, slope_z = _slope(columns), _slope(rows)
     eye_r, eye_z = sparse.eye_array(columns), sparse.eye_array(rows)
-    return [
-        (sparse.csr_matrix(keep @ sparse.kron(eye_z, bend_r)), 1),
-        (sparse.csr_matrix(keep @ sparse.kron(_bend(rows), eye_r)), 1),
-        (sparse.csr_matrix(keep @ sparse.kron(slope_z, slope_r)), 2),
-    ]
+    outside = (~smooth).ravel().astype(float)
+    chosen = []
+    for product, count in (
+        (sparse.kron(eye_z, bend_r), 1),
+        (sparse.kron(_bend(rows), eye_r), 1),
+        (sparse.kron(slope_z, slope_r), 2),
+    ):
+        whole = sparse.csr_matrix(product)
+        chosen.append((sparse.csr_matrix(sparse.diags_array((abs(whole) @ outside == 0).astype(float)) @ whole), count))
+    return chosen
 
 
 def _bend(count: int) -> sparse.dia_array:

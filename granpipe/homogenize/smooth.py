@@ -15,13 +15,15 @@ from granpipe.field import Array, Grid, Mask
 _KERNEL = np.array([1, 4, 6, 4, 1]) / 16  # binomial: a Gaussian of one cell standard deviation
 _REACH = 2
 _BULK_PART = 0.5  # of φ_ref: a sharp edge seen through a symmetric window keeps its place at one half
+_WALL_PART = 0.2  # the same next to a wall, where random spheres fill a diameter less and less towards it
 
 
 def bulk_mask(volume: Array, inside_fraction: Array, grid: Grid, packing: float, diameter: float) -> Mask:
     """(nz, nr) True where solids flow or rest.
 
-    The packing is seen through a window about one particle wide, counting only what is inside the outline: it then
-    neither drops in the thin layer along walls, where spheres leave gaps, nor follows single particles.
+    The packing is seen through a window about one particle wide, counting only what is inside the outline, so that it
+    does not follow single particles. Spheres leave gaps along walls: within a diameter of them less packing will do
+    where the nearest place farther away is bulk.
 
     Parameters
     ----------
@@ -34,8 +36,20 @@ def bulk_mask(volume: Array, inside_fraction: Array, grid: Grid, packing: float,
     room = inside_fraction * grid.cell_volume
     seen = ndimage.uniform_filter(volume, window, mode="constant")
     space = ndimage.uniform_filter(room, window, mode="constant")
-    bulk = (inside_fraction > 0) & (seen > _BULK_PART * packing * space)
-    return _without_specks(bulk, inside_fraction > 0)
+    inside = inside_fraction > 0
+    bulk = inside & (seen > _BULK_PART * packing * space)
+    bulk |= inside & (seen > _WALL_PART * packing * space) & _as_away_from_walls(bulk, inside, diameter / grid.cell)
+    return _without_specks(bulk, inside)
+
+
+def _as_away_from_walls(bulk: Mask, inside: Mask, cells: float) -> Mask:
+    """`bulk`, but within so many cells of a wall what it is at the nearest cell farther away."""
+    vessel = np.pad(inside, ((0, 0), (0, 1)))  # beyond the outermost edge is wall
+    core = (ndimage.distance_transform_edt(vessel) > cells)[:, :-1]
+    if not core.any():
+        return bulk
+    row, column = ndimage.distance_transform_edt(~core, return_distances=False, return_indices=True)
+    return np.asarray(bulk[row, column])
 
 
 def _without_specks(bulk: Mask, inside: Mask) -> Mask:

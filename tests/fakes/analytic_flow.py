@@ -1,9 +1,9 @@
-"""Dumps of an analytic flow: spheres at random places that move along a known stream function.
+"""Dumps of an analytic flow: spheres that move along a known stream function.
 
 The vessel is a straight cylinder of radius `upper_radius`, a cone, and a cylinder of radius `lower_radius`, joined by
 a cosine, so that the wall is smooth. In every level the stream function is ψ = −Q/2π · r²/R(z)² · (1 + p(1 − r²/R²)),
-Q the solids flow and p the peak of the profile (p = 0: the same velocity over the whole level). Spheres are placed at
-random at the packing asked for, overlapping each other: the deposit does not mind.
+Q the solids flow and p the peak of the profile (p = 0: the same velocity over the whole level). Spheres are spread
+at the packing asked for, overlapping each other: the deposit does not mind.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class ConvergingFlow:
         return flux_r, 2 * np.diff(psi, axis=1) / np.diff(r_edges**2)
 
     def smeared_flux(self, r_edges: Array, z_edges: Array, radius: float, samples: int = 2000) -> tuple[Array, Array]:
-        """Exact mean of the faces' flux carried by spheres of one radius [m] with centres at random in the vessel.
+        """Exact mean of the faces' flux carried by spheres of one radius [m], their centres spread over the vessel.
 
         The flux at a point is that of all centres within a radius of it: an average over the ball, in which what lies
         outside the vessel moves nothing. Balls are sampled at the same quasi-random offsets for all faces, at Gauss
@@ -102,7 +102,7 @@ class ConvergingFlow:
         return inside * u * x / np.maximum(r, 1e-30), inside * w
 
     def particles(self, rng: np.random.Generator, radii: Array) -> tuple[Array, Array, Array]:
-        """Random spheres with centres in the vessel, extended straight beyond both ends, at the wanted packing.
+        """Spheres with centres spread over the vessel, extended straight beyond both ends, at the wanted packing.
 
         Parameters
         ----------
@@ -112,19 +112,22 @@ class ConvergingFlow:
         -------
         position (n, 3), velocity (n, 3), radius (n,)
         """
-        margin = float(np.max(radii))
-        low, high = -margin, self.height + margin
-        sphere = float(np.mean(4 / 3 * np.pi * radii**3))
-        tube = np.pi * self.upper_radius**2 * (high - low)
-        count = rng.poisson(self.packing * tube / sphere)
-        z = rng.uniform(low, high, count)
-        r = self.upper_radius * np.sqrt(rng.random(count))
-        inside = r < self.wall(z)[0]
-        return self.moving(rng, r[inside], z[inside], rng.choice(radii, int(inside.sum())))
+        largest = float(np.max(radii))
+        spread = 0.5 * largest  # of a normal shift: disorder among neighbours, evenness beyond, as in a packing
+        low, high, reach = -largest - 4 * spread, self.height + largest + 4 * spread, self.upper_radius + 4 * spread
+        density = self.packing / float(np.mean(4 / 3 * np.pi * radii**3))
+        draws = 2 ** int(np.ceil(np.log2(density * np.pi * reach**2 * (high - low))))
+        x, y, level = qmc.Sobol(3, rng=rng).random(draws).T
+        angle = 2 * np.pi * y
+        place = np.column_stack([reach * np.sqrt(x) * np.cos(angle), reach * np.sqrt(x) * np.sin(angle), level])
+        place[:, 2] = low + level * draws / (density * np.pi * reach**2)
+        place += rng.normal(0, spread, place.shape)
+        r, z = np.hypot(place[:, 0], place[:, 1]), place[:, 2]
+        inside = (z > -largest) & (z < self.height + largest) & (r < self.wall(z)[0])
+        angle = np.arctan2(place[inside, 1], place[inside, 0])
+        return self._moving(angle, r[inside], z[inside], rng.choice(radii, int(inside.sum())))
 
-    def moving(self, rng: np.random.Generator, r: Array, z: Array, radius: Array) -> tuple[Array, Array, Array]:
-        """Position, velocity and radius of spheres at (r, z), at random angles."""
-        angle = rng.uniform(0, 2 * np.pi, len(r))
+    def _moving(self, angle: Array, r: Array, z: Array, radius: Array) -> tuple[Array, Array, Array]:
         u, w = self.particle_velocity(r, z)
         position = np.column_stack([r * np.cos(angle), r * np.sin(angle), z])
         velocity = np.column_stack([u * np.cos(angle), u * np.sin(angle), w])
@@ -153,7 +156,7 @@ def snapshots(
 ) -> Iterator[tuple[Array, Array, Array, Array]]:
     """Yield (number, position, velocity, radius) of one steady flow at equal intervals [s], with fresh feed above.
 
-    Numbers follow a particle through the vessel. The feed is placed at random in a reservoir, once, as far up as the
+    Numbers follow a particle through the vessel. The feed is placed in a reservoir, once, as far up as the
     flow reaches in the whole time; what has left below is dropped once it can touch z = 0 no more on a path between
     two snapshots.
     """
