@@ -14,16 +14,16 @@ from granpipe.field import Array, Grid, Mask
 
 _KERNEL = np.array([1, 4, 6, 4, 1]) / 16  # binomial: a Gaussian of one cell standard deviation
 _REACH = 2
-_BULK_PART = 0.5  # of φ_ref: a sharp edge seen through a symmetric window keeps its place at one half
-_WALL_PART = 0.2  # the same next to a wall, where random spheres fill a diameter less and less towards it
+_BULK_PART = 0.05  # of φ_ref: the layer that slides down a free surface is fast and thin in solids
 
 
 def bulk_mask(volume: Array, inside_fraction: Array, grid: Grid, packing: float, diameter: float) -> Mask:
     """(nz, nr) True where solids flow or rest.
 
-    The packing is seen through a window about one particle wide, counting only what is inside the outline, so that it
-    does not follow single particles. Spheres leave gaps along walls: within a diameter of them less packing will do
-    where the nearest place farther away is bulk.
+    Void is where next to no solids ever are: less than a twentieth of φ_ref, seen through a window half a particle
+    wide and counting only what is inside the outline. The dilute edge of a stream belongs to it: it is a fraction of a
+    particle wide, but on a free surface and below a lip it carries a good part of the flow. Islands and holes smaller
+    than a particle are cleared away.
 
     Parameters
     ----------
@@ -32,37 +32,21 @@ def bulk_mask(volume: Array, inside_fraction: Array, grid: Grid, packing: float,
     packing : φ_ref
     diameter : particle diameter [m]
     """
-    window = 2 * max(1, round(0.5 * diameter / grid.cell)) + 1
-    room = inside_fraction * grid.cell_volume
+    window = 2 * max(1, round(0.25 * diameter / grid.cell)) + 1
     seen = ndimage.uniform_filter(volume, window, mode="constant")
-    space = ndimage.uniform_filter(room, window, mode="constant")
+    space = ndimage.uniform_filter(inside_fraction * grid.cell_volume, window, mode="constant")
     inside = inside_fraction > 0
     bulk = inside & (seen > _BULK_PART * packing * space)
-    bulk |= inside & (seen > _WALL_PART * packing * space) & _as_away_from_walls(bulk, inside, diameter / grid.cell)
-    return _without_specks(bulk, inside)
+    particle = (diameter / grid.cell) ** 2
+    bulk &= ~_specks(bulk, particle)
+    return np.asarray(bulk | _specks(inside & ~bulk, particle))
 
 
-def _as_away_from_walls(bulk: Mask, inside: Mask, cells: float) -> Mask:
-    """`bulk`, but within so many cells of a wall what it is at the nearest cell farther away."""
-    vessel = np.pad(inside, ((0, 0), (0, 1)))  # beyond the outermost edge is wall
-    core = (ndimage.distance_transform_edt(vessel) > cells)[:, :-1]
-    if not core.any():
-        return bulk
-    row, column = ndimage.distance_transform_edt(~core, return_distances=False, return_indices=True)
-    return np.asarray(bulk[row, column])
-
-
-def _without_specks(bulk: Mask, inside: Mask) -> Mask:
-    """Remove single bulk cells, and fill single holes."""
-    bulk = bulk & ~_lonely(bulk)
-    return np.asarray(bulk | _lonely(inside & ~bulk))
-
-
-def _lonely(mask: Mask) -> Mask:
-    """Cells of `mask` without a neighbour in it."""
+def _specks(mask: Mask, least: float) -> Mask:
+    """Connected parts of `mask` of fewer cells than `least`."""
     label, count = ndimage.label(mask)
     size = np.bincount(label.ravel(), minlength=count + 1)
-    return np.asarray(mask & (size == 1)[label])
+    return np.asarray(mask & (size < least)[label])
 
 
 def flowing_faces(bulk: Mask, inside_fraction: Array) -> tuple[Mask, Mask]:

@@ -19,25 +19,38 @@ def onset(*series: Array) -> int:
 
     White (1997): of all truncations, the one whose remaining mean has the smallest estimated error, s²/n of what is
     left, on means of five samples. Several series are summed, each over its own variance in the second half of the
-    run, so that none is steady before all are.
+    run, so that none is steady before all are; the columns of one series count together as one.
 
     Parameters
     ----------
     series : (n,) or (n, k) each, of the same n samples: row flows, mass, kinetic energy
     """
-    columns = np.column_stack([np.asarray(one, dtype=float).reshape(len(one), -1) for one in series])
-    count = len(columns) // _BATCH
+    count = len(series[0]) // _BATCH
     if count < 2:
         return 0
-    batches = columns[: count * _BATCH].reshape(count, _BATCH, -1).mean(axis=1)
-    late = batches[count // 2 :].var(axis=0)
-    batches = batches[:, late > 0] / np.sqrt(late[late > 0])
-    # variances of all remainders at once, from sums taken backwards
+    batches = [_batch_means(np.asarray(one, dtype=float).reshape(len(one), -1)) for one in series]
     left = np.arange(count, 0, -1)[: count // 2 + 1]
-    total = np.cumsum(batches[::-1], axis=0)[::-1][: len(left)]
-    square = np.cumsum(batches[::-1] ** 2, axis=0)[::-1][: len(left)]
-    spread = (square - total**2 / left[:, None]).sum(axis=1)
+    spread = sum(_spread_of_rest(one, len(left)) for one in batches)
     return int(np.argmin(spread / left.astype(float) ** 2)) * _BATCH
+
+
+def _batch_means(series: Array) -> Array:
+    """(n // 5, k) means of five samples."""
+    count = len(series) // _BATCH
+    return np.asarray(series[: count * _BATCH].reshape(count, _BATCH, -1).mean(axis=1))
+
+
+def _spread_of_rest(batches: Array, truncations: int) -> Array:
+    """(truncations,) Σ(x − mean)² of what is left without the first 0, 1, 2 … batches, over the late variance."""
+    late = batches[len(batches) // 2 :].var(axis=0)
+    if not (late > 0).any():
+        return np.zeros(truncations)
+    scaled = batches[:, late > 0] / np.sqrt(late[late > 0])
+    left = np.arange(len(batches), 0, -1)[:truncations, None]
+    # sums of all remainders at once, taken backwards
+    total = np.cumsum(scaled[::-1], axis=0)[::-1][:truncations]
+    square = np.cumsum(scaled[::-1] ** 2, axis=0)[::-1][:truncations]
+    return np.asarray((square - total**2 / left).mean(axis=1))
 
 
 def blocks(parts: Sequence[Sums], least: int = LEAST_BLOCKS) -> list[Sums]:

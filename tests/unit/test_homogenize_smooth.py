@@ -80,27 +80,39 @@ def packed(inside, packing):
     return packing * inside * GRID.cell_volume
 
 
-@pytest.mark.parametrize("diameter", [0.04, 0.08])
-def test_bulk_ends_at_the_surface(diameter):
+@pytest.mark.parametrize("diameter", [0.04, 0.08, 0.16])
+def test_bulk_ends_within_half_a_particle_of_the_surface(diameter):
     inside = np.ones(GRID.shape)
     packing = np.where(GRID.z_centres[:, None] < 0.3, 0.6, 0.0)
     bulk = bulk_mask(packed(inside, packing), inside, GRID, 0.6, diameter)
-    assert np.array_equal(bulk, np.broadcast_to(GRID.z_centres[:, None] < 0.3, GRID.shape))
+    assert bulk[GRID.z_centres < 0.3].all()
+    assert not bulk[GRID.z_centres > 0.3 + diameter / 2].any()
+
+
+def test_a_dilute_stream_is_bulk_and_a_few_strays_are_not():
+    inside = np.ones(GRID.shape)
+    packing = np.full(GRID.shape, 0.01)
+    packing[:, 5:8] = 0.08
+    bulk = bulk_mask(packed(inside, packing), inside, GRID, 0.6, 0.08)
+    assert bulk[:, 5:8].all()
+    assert not bulk[:, 10:].any()
 
 
 def test_the_thin_layer_at_a_wall_is_bulk_although_spheres_leave_gaps_there():
     inside = np.ones(GRID.shape)
     packing = np.full(GRID.shape, 0.6)
-    packing[:, -1] = 0.15
+    packing[:, 14] = 0.05
     inside[:, 15:] = 0
-    assert bulk_mask(packed(inside, packing), inside, GRID, 0.6, 0.08)[:, :15].all()
-    assert not bulk_mask(packed(inside, packing), inside, GRID, 0.6, 0.08)[:, 15:].any()
+    bulk = bulk_mask(packed(inside, packing), inside, GRID, 0.6, 0.08)
+    assert np.array_equal(bulk, inside > 0)
 
 
-def test_a_single_particle_in_a_void_is_not_bulk_nor_a_gap_a_hole():
+def test_islands_and_holes_smaller_than_a_particle_are_cleared_away():
     inside = np.ones(GRID.shape)
     packing = np.where(GRID.z_centres[:, None] < 0.3, 0.6, 0.0) * np.ones(GRID.shape)
-    packing[24:26, 10] = 1.0
-    packing[5, 5] = 0.0
-    bulk = bulk_mask(packed(inside, packing), inside, GRID, 0.6, 0.08)
-    assert np.array_equal(bulk, np.broadcast_to(GRID.z_centres[:, None] < 0.3, GRID.shape))
+    plain = bulk_mask(packed(inside, packing), inside, GRID, 0.6, 0.08)
+    packing[24, 10] = 0.6  # with its window 9 cells, less than the 16 of a particle
+    packing[4:9, 4:9] = 0.0  # its window is empty in 9 cells
+    assert np.array_equal(bulk_mask(packed(inside, packing), inside, GRID, 0.6, 0.08), plain)
+    packing[22:27, 8:13] = 0.6
+    assert bulk_mask(packed(inside, packing), inside, GRID, 0.6, 0.08)[24, 10]
