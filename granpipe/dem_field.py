@@ -123,18 +123,30 @@ def target_flow(case: Case, packing: float) -> float:
 
 
 def after_transient(parts: list[Sums], case: Case) -> list[Sums]:
-    """The segments from the start that the case gives, or from where the data become steady (MSER-5)."""
-    start = _onset_time(parts) if case.homogenize.start == "auto" else float(case.homogenize.start)
+    """The segments from the start that the case gives, or from one that suits the data."""
+    start = _steady_start(parts) if case.homogenize.start == "auto" else float(case.homogenize.start)
     kept = [sums for sums in parts if sums.start >= start - 1e-9 * parts[-1].stop]
     if not kept:
         raise DataError(f"no segment begins after homogenize.start = {start:g} s; the last at {parts[-1].start:g} s")
     return kept
 
 
-def _onset_time(parts: list[Sums]) -> float:
+def _steady_start(parts: list[Sums]) -> float:
+    """Where averaging begins [s]: after the onset that MSER-5 finds, within the first half of the run.
+
+    Flow above an obstacle comes in bursts. Of the segments that may be first, the one is taken from which on the
+    filling changes least to the end, so that the average holds bursts and rests alike.
+    """
     whole = merge(parts)
-    leave_out = onset(whole.level_flow, whole.solids, whole.kinetic)
-    return float(whole.time[leave_out]) if leave_out else 0.0
+    onset_time = float(whole.time[onset(whole.level_flow, whole.solids, whole.kinetic)])
+    latest = max(onset_time, 0.5 * (parts[0].start + parts[-1].stop))
+    first = [i for i, part in enumerate(parts) if onset_time - part.duration < part.start <= latest] or [0]
+    return parts[min(first, key=lambda i: _net_storage(parts[i:]))].start
+
+
+def _net_storage(parts: list[Sums]) -> float:
+    """Largest rate at which solids gather below any level [m³/s]."""
+    return float(np.abs(np.cumsum(merge(parts).storage.sum(axis=1))).max())
 
 
 def _plug_range(outline: Outline, grid: Grid) -> tuple[float, float]:

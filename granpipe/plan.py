@@ -27,7 +27,7 @@ FILL_TIME = 3.0
 """Filling and settling take about this many times the free fall through the vessel (measured: 2.5–3)."""
 
 RANK_GAIN = 0.9
-"""Parallel efficiency of up to four ranks on idle cores (measured with two: 0.9–1.05)."""
+"""Parallel efficiency of a few ranks on idle cores."""
 
 LEAST_SEGMENTS = 4
 """The ψ fit weighs the average by how segments differ; up to half of them may be transient."""

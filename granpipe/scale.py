@@ -36,7 +36,7 @@ def scale_results(source: Path, case: Case, target: Path) -> str:
 
 def _warning(case: Case, flow: float) -> str:
     passages = [passage for passage in Outline.from_case(case).passages() if passage.required]
-    particle = size_classes(case.material.size).sauter_diameter
+    particle = size_classes(case.material.size).mean_diameter
     narrowest = min(passages, key=lambda passage: free_flow(passage, particle))
     free = free_flow(narrowest, particle)
     if flow <= BEVERLOO_SHARE * free:

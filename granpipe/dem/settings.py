@@ -27,8 +27,8 @@ SEGMENT_TRAVEL = 0.5
 BEVERLOO_SHARE = 0.1
 """Flow through every opening over its free discharge, at most: beyond it inertia shows in the field."""
 
-RATE = 2.0e6
-"""Particle-steps per second of one rank, measured with hertz/epsd2 on an idle core of a shared two-core machine."""
+RATE = 1.5e6
+"""Particle-steps per second of one rank: two made 2.7e6 with hertz/epsd2 and 13 000 spheres on two idle cores."""
 
 BYTES_PER_PARTICLE = 72  # nine doubles a row in a snapshot
 
@@ -155,7 +155,7 @@ def choose(case: Case, vessel: Vessel) -> Settings:
         wall_top=level + feed / 2 + 2 * classes.largest,
         plate_z=plate_z,
         bottom=plate_z - travel - (6 if open_outlet else 4) * classes.largest,
-        skin=contact.two_digits(0.3 * float(classes.radius @ classes.number_share)),
+        skin=contact.two_digits(0.2 * classes.mean_diameter),
         dump_every=dump_every,
         segment_steps=dump_every * dumps_per_segment,
         segments=segments,
@@ -224,9 +224,9 @@ def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses) -> tuple[float
     area = math.pi * vessel.outlet_radius**2
     narrowest = min(
         (opening for opening in vessel.openings if opening.required),
-        key=lambda opening: free_flow(opening, classes.sauter_diameter),
+        key=lambda opening: free_flow(opening, classes.mean_diameter),
     )
-    free, name = free_flow(narrowest, classes.sauter_diameter), narrowest.name
+    free, name = free_flow(narrowest, classes.mean_diameter), narrowest.name
     if case.dem.outlet == "open":
         return free / area, Choice("flow", f"{free:.3g} m³/s", f"free discharge at the {name} after Beverloo")
     given = case.dem.plate_speed

@@ -51,6 +51,11 @@ class SizeClasses:
         return float(2 * (self.number_share @ self.radius**3) / (self.number_share @ self.radius**2))
 
     @property
+    def mean_diameter(self) -> float:
+        """Mean diameter by number [m]."""
+        return float(2 * self.number_share @ self.radius)
+
+    @property
     def d90(self) -> float:
         """Diameter [m] below which 90 % of the mass lies (that of the class which reaches it)."""
         passing = np.cumsum(self.mass_share)
