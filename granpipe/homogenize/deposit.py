@@ -55,12 +55,13 @@ def deposit(position: Array, radius: Array, velocity: Array, grid: Grid, points:
     velocity : (n, 3) [m/s]
     points : Gauss points over the height of each cell
     """
-    spheres = _cylindrical(position, radius, velocity)
+    touching = (position[:, 2] + radius > grid.z_edges[0]) & (position[:, 2] - radius < grid.z_edges[-1])
+    spheres = _cylindrical(position[touching], radius[touching], velocity[touching])
     rows, columns = grid.shape
     total = Deposit(np.zeros((rows, columns)), np.zeros((rows, columns + 1)), np.zeros((rows + 1, columns)))
     # where a sphere's axis is nearly that of the vessel its discs appear and vanish in whole rings: rare, but three
     # points are then off by up to 0.24 % of the sphere in a cell
-    near_axis = spheres.distance < _NEAR_AXIS * radius
+    near_axis = spheres.distance < _NEAR_AXIS * spheres.radius
     add = _kernel()
     add(spheres.chosen(~near_axis), grid, points, total)
     add(spheres.chosen(near_axis), grid, 3 * points, total)
@@ -86,12 +87,15 @@ def deposit_paths(
     """
     rows, columns = grid.shape
     total = Deposit(np.zeros((rows, columns)), np.zeros((rows, columns + 1)), np.zeros((rows + 1, columns)))
+    low, high = np.minimum(start[:, 2], start[:, 2] + path[:, 2]), np.maximum(start[:, 2], start[:, 2] + path[:, 2])
+    touching = (high + radius > grid.z_edges[0]) & (low - radius < grid.z_edges[-1])
+    start, path, radius = start[touching], path[touching], radius[touching]
     cells = np.linalg.norm(path, axis=1) / grid.cell * density
     numbers = 2 ** np.clip(np.ceil(np.log2(np.maximum(cells, 1))) + 1, 1, 5).astype(int)
     for number in np.unique(numbers):
         chosen = numbers == number
         begin, way = start[chosen], path[chosen]
-        for node, weight in zip(*np.polynomial.legendre.leggauss(number), strict=True):
+        for node, weight in zip(*_gauss(int(number)), strict=True):
             part = deposit(begin + 0.5 * (1 + node) * way, radius[chosen], way / duration, grid, points)
             for array, added in zip(total, part, strict=True):
                 array += 0.5 * weight * added
@@ -127,6 +131,13 @@ def _cylindrical(position: Array, radius: Array, velocity: Array) -> _Spheres:
 
 
 @cache
+def _gauss(points: int) -> tuple[Array, Array]:
+    """Nodes and weights of Gauss–Legendre quadrature on −1 … 1."""
+    node, weight = np.polynomial.legendre.leggauss(points)
+    return node, weight
+
+
+@cache
 def _kernel() -> Callable[[_Spheres, Grid, int, Deposit], None]:
     """The compiled kernel where numba is installed, otherwise numpy's."""
     try:
@@ -140,12 +151,12 @@ def _add_compiled(spheres: _Spheres, grid: Grid, points: int, total: Deposit) ->
     """Add spheres to the deposit, with the same number of Gauss points for all."""
     from granpipe.homogenize.deposit_numba import add
 
-    add(*spheres, grid.r_edges, grid.z_edges, *np.polynomial.legendre.leggauss(points), *total)
+    add(*spheres, grid.r_edges, grid.z_edges, *_gauss(points), *total)
 
 
 def _add(spheres: _Spheres, grid: Grid, points: int, total: Deposit) -> None:
     """The same by numpy alone."""
-    gauss = np.polynomial.legendre.leggauss(points)
+    gauss = _gauss(points)
     for chunk in _chunks(spheres, grid, points):
         lot = spheres.chosen(chunk)
         owner, row, height, weight = _slab_points(lot, grid, gauss)
@@ -160,14 +171,12 @@ def _add(spheres: _Spheres, grid: Grid, points: int, total: Deposit) -> None:
 
 
 def _chunks(spheres: _Spheres, grid: Grid, points: int) -> Iterator[Index]:
-    """Yield indices of the spheres that touch the grid, from below, in lots of about `_CHUNK` lens evaluations."""
-    z, radius = spheres.z, spheres.radius
-    touching = np.flatnonzero((z + radius > grid.z_edges[0]) & (z - radius < grid.z_edges[-1]))
-    touching = touching[np.argsort(z[touching])]  # a lot then fills few rows
-    across = 2 * radius[touching] / grid.cell + 1
+    """Yield indices of the spheres from below, so that a lot fills few rows, in lots of about `_CHUNK` evaluations."""
+    order = np.argsort(spheres.z)
+    across = 2 * spheres.radius[order] / grid.cell + 1
     cost = np.minimum(across, grid.shape[0]) * (points + 1) * np.minimum(across, grid.shape[1])
     lot = (np.cumsum(cost) / _CHUNK).astype(np.int64)
-    yield from np.split(touching, np.flatnonzero(np.diff(lot)) + 1) if len(touching) else ()
+    yield from np.split(order, np.flatnonzero(np.diff(lot)) + 1) if len(order) else ()
 
 
 def _slices(spheres: _Spheres, owner: Index, row: Index, height: Array) -> _Slices:

@@ -36,8 +36,6 @@ def add(
     for i in range(len(z)):
         a, D = radius[i], distance[i]
         low, high = z[i] - a, z[i] + a
-        if high <= z_edges[0] or low >= z_edges[-1]:
-            continue
         for row in range(max(math.floor((low - z_edges[0]) / cell), 0), rows):
             start, end = max(z_edges[row], low), min(z_edges[row + 1], high)
             half = 0.5 * (end - start)

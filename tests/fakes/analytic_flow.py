@@ -133,7 +133,7 @@ class ConvergingFlow:
         velocity = np.column_stack([u * np.cos(angle), u * np.sin(angle), w])
         return position, velocity, radius
 
-    def travelled(self, position: Array, time: float, steps: int = 8) -> tuple[Array, Array]:
+    def travelled(self, position: Array, time: float, steps: int = 2) -> tuple[Array, Array]:
         """Positions after `time` [s] along the flow (Runge–Kutta 4), and the velocity there; both (n, 3)."""
 
         def velocity(at: Array) -> Array:
