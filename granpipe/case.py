@@ -31,6 +31,7 @@ from granpipe.units import (
 from granpipe.values import (
     Choice,
     Choices,
+    File,
     Flow,
     Group,
     Levels,
@@ -503,6 +504,11 @@ class Fluid(Group):
     )
     annulus: Annotated[tuple[float, float] | None, Series(_SIZE_FROM_ZERO, length=2)] = Field(
         default=None, description="Inner and outer radius of an annular outlet; needed there only."
+    )
+    known_field: Annotated[str | None, File()] = Field(
+        default=None,
+        description="A `field.npz` of an earlier run that a hybrid follows, in place of DEM runs of its own; the path "
+        "is relative to where granpipe is started.",
     )
     force_factor: Annotated[float, Quantity(above=0, at_most=1e14)] = Field(
         default=1e5,

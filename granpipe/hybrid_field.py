@@ -7,12 +7,13 @@ their stream functions are put together without interpolation.
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from granpipe.dem_field import dem_field, target_flow
 from granpipe.errors import CaseError
-from granpipe.field import Array, Field, Grid, Mask
+from granpipe.field import Array, Field, Grid, Mask, flux_from_psi
 from granpipe.fluid.fictitious import FluidSolution, solve_fluid, to_field
 from granpipe.fluid.forcing import KnownFlow
 from granpipe.fluid_field import section_mesh, wall_law
@@ -27,13 +28,16 @@ Parts = list[tuple[Span, Made]]
 
 
 def hybrid_field(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
-    """Simulate every sub-model, then solve for the fluid that follows them."""
+    """Simulate every sub-model, or read an earlier field, then solve for the fluid that follows them."""
+    case = plan.case
     parts: Parts = []
     for span, part in plan.parts:
         progress.note(f"sub-model of section {span.name}")
         parts.append((span, dem_field(part, simulate(part, store, tools, progress))))
+    if case.fluid.known_field is not None:
+        earlier = Field.load(Path(case.fluid.known_field))
+        parts += [(span, Made(_cut_out(earlier, span, plan), ())) for span in plan.followed]
     progress.stage("fluid")
-    case = plan.case
     packing = float(np.mean([made.field.bulk_packing for _, made in parts]))
     known = known_flow(plan, parts)
     solution = solve_fluid(section_mesh(plan), wall_law(case), target_flow(case, packing), case.fluid.order, known)
@@ -77,6 +81,41 @@ def known_flow(plan: Plan, parts: Parts) -> KnownFlow:
     )
 
 
+def _cut_out(field: Field, span: Span, plan: Plan) -> Field:
+    """The part of an earlier field that a span covers, on the vessel's rows; ψ by a bicubic spline in z and r²."""
+    from scipy.interpolate import RectBivariateSpline
+
+    name, old = plan.case.fluid.known_field, field.grid
+    slack = 0.5 * plan.grid.cell
+    if old.z_edges[0] > span.cut_bottom + slack or old.z_edges[-1] < span.cut_top - slack:
+        raise CaseError(
+            f"{name} covers z = {old.z_edges[0]:g} … {old.z_edges[-1]:g} m; section {span.name} with its margins needs "
+            f"{span.cut_bottom:g} … {span.cut_top:g} m",
+            ("fluid", "known_field"),
+        )
+    if field.psi is None:
+        raise CaseError(f"{name} has no stream function; make it with homogenize.method: psi", ("fluid", "known_field"))
+    levels = plan.grid.z_edges
+    grid = Grid(plan.grid.r_edges, levels[(levels > span.cut_bottom - slack) & (levels < span.cut_top + slack)])
+    spline = RectBivariateSpline(old.z_edges, old.r_edges**2, field.psi)
+    psi = spline(grid.z_edges, np.minimum(grid.r_edges, old.r_edges[-1]) ** 2)
+    psi[:, 0] = 0.0
+    flux_r, flux_z = flux_from_psi(psi, grid)
+    row = np.clip(np.searchsorted(old.z_edges, grid.z_centres) - 1, 0, old.shape[0] - 1)
+    column = np.clip(np.searchsorted(old.r_edges, grid.r_centres) - 1, 0, old.shape[1] - 1)
+    return Field(
+        grid=grid,
+        inside_fraction=plan.outline.inside_fraction(grid),
+        bulk=field.bulk[np.ix_(row, column)],
+        flux_r=flux_r,
+        flux_z=flux_z,
+        bulk_flow=field.bulk_flow,
+        bulk_packing=field.bulk_packing,
+        flow_scale=target_flow(plan.case, field.bulk_packing) / field.bulk_flow,
+        psi=psi,
+    )
+
+
 def _rows(part: Grid, z_edges: Array) -> slice:
     """Where the levels of a sub-model's grid stand among those of the vessel."""
     first = int(np.abs(z_edges - part.z_edges[0]).argmin())
@@ -110,8 +149,8 @@ def _errors(field: Field, parts: Parts) -> tuple[Array | None, Array | None]:
 def _figures(field: Field, solution: FluidSolution, parts: Parts) -> dict[str, object]:
     figures: dict[str, object] = {"unknowns": solution.unknowns, "residual": solution.residual}
     for span, made in parts:
-        figures[f"dem of {span.name}"] = made.figures
-        figures[f"difference from the DEM in {span.name}"] = _difference(field, made.field, span.bottom, span.top)
+        figures[f"known in {span.name}"] = made.figures
+        figures[f"difference from what is known in {span.name}"] = _difference(field, made.field, span.bottom, span.top)
         if span.cut_top > span.top:
             figures[f"difference at the upper seam of {span.name}"] = _difference(
                 field, made.field, span.top, span.cut_top

@@ -14,7 +14,7 @@ from granpipe.plan import Model, Plan, make_plan
 from granpipe.progress import Progress
 from granpipe.quality import Gate
 from granpipe.results import Made, is_current, results_key, write_results
-from granpipe.store import Store
+from granpipe.store import Store, digest
 from granpipe.tools import library_versions, program_versions
 
 
@@ -41,8 +41,10 @@ def run_case(file: CaseFile, results: Path, progress: Progress) -> Outcome:
     folder, store = results / file.case.name, Store(results / ".store")
     plan = plan_case(file)
     tools = library_versions()
-    if plan.model != "fluid":
+    if plan.settings is not None or plan.parts:
         tools |= program_versions(store.root / "programs.json")
+    if (known := file.case.fluid.known_field) is not None and plan.model == "hybrid":
+        tools["known field"] = _digest(file, known)
     key = results_key(file.case, tools)
     if (failed := is_current(folder, key)) is not None:
         return Outcome(folder, failed, made=False)
@@ -55,6 +57,14 @@ def run_case(file: CaseFile, results: Path, progress: Progress) -> Outcome:
     progress.stage("results")
     failed = write_results(folder, plan, made, key, tools, begun)
     return Outcome(folder, failed)
+
+
+def _digest(file: CaseFile, known: str) -> str:
+    try:
+        return digest(Path(known))
+    except OSError as error:
+        message = f"{known} cannot be read ({error.strerror}); give the path of a field.npz"
+        raise file.places.explain(CaseError(message, ("fluid", "known_field"))) from None
 
 
 def _dem(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
@@ -77,7 +87,8 @@ def _fluid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) 
 def _hybrid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
     from granpipe.hybrid_field import hybrid_field
 
-    _require_programs(plan, max(part.dem.ranks for _, part in plan.parts))
+    if plan.parts:
+        _require_programs(plan, max(part.dem.ranks for _, part in plan.parts))
     return hybrid_field(plan, store, tools, progress)
 
 

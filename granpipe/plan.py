@@ -35,6 +35,8 @@ LEAST_SEGMENTS = 4
 FLUID_SECONDS = 3.0
 """Meshing and solving for the fictitious fluid, start-up included."""
 
+OUTLET_NOTE = "within one diameter of the outlet the field depends on the profile that fluid.outlet prescribes"
+
 HYBRID_GAIN = 0.8
 """`auto` takes the hybrid only where its DEM costs less than this part of a DEM run of the whole vessel."""
 
@@ -55,6 +57,7 @@ class Plan:
     ----------
     settings : of the DEM run of the whole vessel; None unless the model is "dem"
     parts : sub-models of a hybrid and the spans of sections that they stand for
+    followed : spans in which a hybrid follows the field of an earlier run instead
     choices : settings with their criteria; their warnings and breaches are in `warnings` and `breaches`
     particle_steps : cost of DEM, filling included
     seconds, disk_bytes : forecasts for this machine's cores, LIGGGHTS running alone
@@ -66,6 +69,7 @@ class Plan:
     grid: Grid
     settings: Settings | None
     parts: tuple[tuple[Span, Plan], ...]
+    followed: tuple[Span, ...]
     stages: tuple[Stage, ...]
     left_out: tuple[Stage, ...]
     choices: tuple[Choice, ...]
@@ -186,7 +190,8 @@ class _Scene:
         if "vessel" in self.case.figures:
             left.append(Stage("3-D picture", "there are no particles to show"))
         stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid"), self._results("fluid")]
-        return self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=unfit, seconds=FLUID_SECONDS)
+        notes = [*unfit, *([] if self.case.fluid.outlet == "open" else [OUTLET_NOTE])]
+        return self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
 
     def _dem(self) -> Plan:
         settings = choose(self.case, self._vessel())
@@ -228,11 +233,13 @@ class _Scene:
         if not found:
             raise CaseError("no section needs DEM; set model: auto or fluid, or model: dem in a section", ("model",))
         grid = self._grid(classes.sauter_diameter / CELLS_PER_DIAMETER)
-        parts = tuple(self._part(span.on_levels(grid.z_edges.tolist()), grid) for span in found)
-        stages = [Stage(f"DEM of {span.name}", self._why(span)) for span, _ in parts]
+        cut = tuple(span.on_levels(grid.z_edges.tolist()) for span in found)
+        earlier = case.fluid.known_field
+        parts = () if earlier else tuple(self._part(span, grid) for span in cut)
+        stages = [Stage(f"{earlier or 'DEM'} in {span.name}", self._why(span)) for span in cut]
         rest = [n for n, why in self.needs.items() if not why]
         stages.append(
-            Stage("fluid", f"sections {', '.join(rest)} flow simply; the others are forced to follow the DEM")
+            Stage("fluid", f"sections {', '.join(rest)} flow simply; the others are forced to follow what is known")
         )
         stages.append(self._results("hybrid"))
         left = [Stage(f"DEM of {n}", self.verdicts[n].reason) for n in rest]
@@ -240,6 +247,7 @@ class _Scene:
         return replace(
             plan,
             parts=parts,
+            followed=cut if earlier else (),
             choices=tuple(dict.fromkeys(choice for _, part in parts for choice in part.choices)),
             particle_steps=sum(part.particle_steps for _, part in parts),
             seconds=FLUID_SECONDS + sum(part.seconds for _, part in parts),
@@ -272,6 +280,7 @@ class _Scene:
             grid=grid,
             settings=None,
             parts=(),
+            followed=(),
             stages=tuple(stages),
             left_out=tuple(left),
             choices=(),

@@ -317,6 +317,21 @@ class Word(Name):
         return "letters, digits and `_`, first a letter, at most 32"
 
 
+class File(Kind):
+    """Path of a file; it reaches no deck and no shell."""
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str) or not 0 < len(value) <= 1000 or "\0" in value:
+            refuse(f"must be {self.accepts()}")
+        return value
+
+    def accepts(self) -> str:
+        return "the path of a file"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "string", "minLength": 1, "maxLength": 1000}
+
+
 @dataclass(frozen=True)
 class Flow(Kind):
     """A volume or mass flow, as its unit tells; `make` builds the resolved value from number and dimension."""
