@@ -19,8 +19,8 @@ from granpipe.fluid.wall_speed import BoundaryData
 from granpipe.rzmesh import RZMesh
 
 FORCE_FACTOR = 1e5
-"""K in units of μ/a². Below 1e4 the fluid still has its own way in the forced part; the error outside is least at 1e5
-to 1e6 and grows above 1e8, where the fading force is still strong at the far end of the ramp (docs/force_factor.md)."""
+"""K in units of μ/a². In the one scene studied (docs/force_factor.md) the error in the forced part has settled by 1e5,
+the error outside is least at 1e5 to 1e6, and above 1e8 divergence and the error outside grow."""
 
 
 @dataclass(frozen=True)
