@@ -73,7 +73,7 @@ def main() -> None:
             errors = [difference(np.array(their[kind]), reference) for kind in ("same", "own")]
             ours = (name, cells, order, solution.unknowns, error, seconds, clean_up)
             rows.append(Row(*ours, their["unknowns"], *errors, their["own_leak"], their["seconds"]))
-    text = page(rows, apart, theirs["version"])
+    text = page(rows, apart, theirs["version"], options.repetitions)
     options.out.write_text(text)
     print(text)
 
@@ -146,7 +146,7 @@ def equal_error(rows: list[Row], target: float, taken: float) -> str:
     )
 
 
-def page(rows: list[Row], apart: tuple[float, float], version: str) -> str:
+def page(rows: list[Row], apart: tuple[float, float], version: str, repetitions: int) -> str:
     """The table as Markdown."""
     even = [row for row in rows if row.mesh == "even" and row.order == 2]
     same, own = min(even, key=lambda row: row.peer_error), min(even, key=lambda row: row.peer_own_error)
@@ -156,7 +156,7 @@ def page(rows: list[Row], apart: tuple[float, float], version: str) -> str:
         "",
         f"Made by `benchmarks/fluid.py` on {datetime.now(UTC):%Y-%m-%d}: {machine()}, NGSolve {version}.",
         "The hopper of `cases/hopper.yaml` on the same meshes, with Taylor–Hood elements of the same order; CPU",
-        "seconds of one thread for spaces, assembly, factorisation and refinement, best of several. The error is the",
+        f"seconds of one thread for spaces, assembly, factorisation and refinement, best of {repetitions}. The error is the",
         "RMS difference from granpipe's order 4 on a mesh graded to a thousandth, at points 0.1 m from the corners and",
         "more, over the RMS velocity. granpipe's velocity is that before the stream-function clean-up, whose time",
         "stands beside.",
