@@ -13,7 +13,7 @@ help:
 	@echo 'make run         setup, then granpipe run $$(CASE) [$(CASE)]'
 	@echo 'make test        setup, then ruff, mypy and every test that is not slow'
 	@echo 'make verify      setup, then the slow tests'
-	@echo 'make benchmarks  setup, then benchmarks/run.py'
+	@echo 'make benchmarks  setup, then everything in benchmarks/; writes docs/benchmarks*.md'
 	@echo 'make docs        makes docs/case.md anew, from the schema'
 	@echo 'make lock        makes requirements.lock anew, from the newest versions'
 	@echo 'make clean       removes caches and builds; keeps .venv and results'
@@ -35,6 +35,8 @@ verify: setup
 
 benchmarks: setup
 	$(VENV)/bin/python benchmarks/run.py
+	$(VENV)/bin/python benchmarks/fluid.py
+	$(VENV)/bin/python benchmarks/force_factor.py
 
 docs: setup
 	$(VENV)/bin/python -c 'from granpipe.casedoc import reference; print(reference(), end="")' >docs/case.md
