@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from granpipe.case import Case
 from granpipe.dem_field import target_flow
 from granpipe.fluid.fictitious import solve_fluid, to_field
@@ -12,10 +14,16 @@ from granpipe.results import Made
 from granpipe.rzmesh import RZMesh
 
 
-def section_mesh(plan: Plan) -> RZMesh:
-    """Mesh of the r–z half section."""
+def section_mesh(plan: Plan, bands: Sequence[tuple[float, float, float]] = ()) -> RZMesh:
+    """Mesh of the r–z half section; `bands` are height ranges and the largest triangle there: (low, high, size) [m]."""
     sections = {name: (section.z_top, section.z_bottom) for name, section in plan.case.outline.sections.items()}
-    return mesh_section(plan.outline.wall, plan.outline.obstacles, sections)
+    return mesh_section(
+        plan.outline.wall,
+        plan.outline.obstacles,
+        sections,
+        bands=bands,
+        outlet_radii=plan.case.fluid.annulus or (),
+    )
 
 
 def wall_law(case: Case) -> WallLaw:

@@ -24,6 +24,9 @@ from granpipe.simulate import simulate
 from granpipe.store import Store
 from granpipe.submodel import Span
 
+BAND_CELLS = 2
+"""Largest triangle where the fluid follows a known flow, in cells of its grid: larger ones cannot follow its detail."""
+
 Parts = list[tuple[Span, Made]]
 
 
@@ -40,7 +43,10 @@ def hybrid_field(plan: Plan, store: Store, tools: dict[str, str], progress: Prog
     progress.stage("fluid")
     packing = float(np.mean([made.field.bulk_packing for _, made in parts]))
     known = known_flow(plan, parts)
-    solution = solve_fluid(section_mesh(plan), wall_law(case), target_flow(case, packing), case.fluid.order, known)
+    bands = [(low - known.ramp, high + known.ramp, BAND_CELLS * plan.grid.cell) for low, high in known.intervals]
+    solution = solve_fluid(
+        section_mesh(plan, bands), wall_law(case), target_flow(case, packing), case.fluid.order, known
+    )
     field = to_field(solution, plan.grid, plan.outline.inside_fraction(plan.grid), packing)
     errors = _errors(field, parts)
     field = replace(field, bulk=_bulk(field, parts), flux_r_se=errors[0], flux_z_se=errors[1])
