@@ -111,7 +111,14 @@ def test_snapshots_are_gone_unless_they_are_asked_for(finished: tuple[Path, Path
 
 def start(case: Path, results: Path) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "granpipe", "run", str(case), "--results", str(results)]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=_listen_to_interrupts
+    )
+
+
+def _listen_to_interrupts() -> None:
+    """A shell starts background jobs deaf to SIGINT, and the test run may be one."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def wait_for(pattern: str, folder: Path, timeout: float = 120) -> Path:
