@@ -64,6 +64,8 @@ class Sums:
     solids : (n,) solids volume on the grid [m³]
     kinetic : (n,) kinetic energy of the particles with centres in the grid's z-range, over their density [m⁵/s²]
     count : (n,) number of these particles
+    moments : (6, nz) Σ weight × V × (w, w cos θ, w sin θ, w cos 2θ, w sin 2θ, v_θ) of the particles with centres in
+        each row, V their volume and θ their angle about the axis [m⁴/s · weight]; None in sums without
     """
 
     grid: Grid
@@ -81,6 +83,7 @@ class Sums:
     solids: Array
     kinetic: Array
     count: Array
+    moments: Array | None = None
 
     @property
     def mean_volume(self) -> Array:
@@ -102,6 +105,7 @@ class Sums:
     def save(self, path: Path) -> None:
         """Write as ``.npz``."""
         stored: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "grid"}
+        stored = {name: value for name, value in stored.items() if value is not None}
         stored |= {"format_version": FORMAT_VERSION, "r_edges": self.grid.r_edges, "z_edges": self.grid.z_edges}
         with path.open("wb") as file:
             np.savez(file, **stored)
@@ -134,7 +138,9 @@ def merge(parts: Sequence[Sums]) -> Sums:
             raise DataError(
                 f"segments on different grids do not merge: {_describe(first.grid)}; {_describe(part.grid)}"
             )
-    added = ("duration", "weight", "volume", "flow_r", "flow_z", "gain")
+    added = ["duration", "weight", "volume", "flow_r", "flow_z", "gain"]
+    if all(part.moments is not None for part in ordered):
+        added.append("moments")
     joined = ("time", "level_flow", "solids", "kinetic", "count")
     values = {name: sum(getattr(part, name) for part in ordered) for name in added}
     values |= {name: np.concatenate([getattr(part, name) for part in ordered]) for name in joined}
@@ -177,6 +183,7 @@ class Collector:
         self._first_volume = self._last_volume
         rows, columns = self.grid.shape
         self._sum = Deposit(np.zeros((rows, columns)), np.zeros((rows, columns + 1)), np.zeros((rows + 1, columns)))
+        self._moments = np.zeros((6, rows))
         self._weight = 0.0
         self._series: list[tuple[float, Array, float, float, int]] = []
 
@@ -188,7 +195,7 @@ class Collector:
         if self.sampling == "velocity":
             position, velocity, radius = particles.position, particles.velocity, particles.radius
             sample = deposit(position, radius, velocity, self.grid, self.points)
-            self._take(time, 1.0, sample, position[:, 2], radius, velocity)
+            self._take(time, 1.0, sample, position, radius, velocity)
             volume = sample.volume
         elif self._last is not None:
             self._add_pair(self._last[0], self._last[1], time, particles)
@@ -201,18 +208,23 @@ class Collector:
         start, radius = old.position[at_old], new.radius[at_new]
         path = new.position[at_new] - start
         sample = deposit_paths(start, path, radius, now - before, self.grid, self.points, self.path_density)
-        middle = start[:, 2] + 0.5 * path[:, 2]
-        self._take(0.5 * (before + now), now - before, sample, middle, radius, path / (now - before))
+        velocity = path / (now - before)
+        self._take(0.5 * (before + now), now - before, sample, start + 0.5 * path, radius, velocity)
 
-    def _take(self, time: float, weight: float, sample: Deposit, z: Array, radius: Array, velocity: Array) -> None:
+    def _take(
+        self, time: float, weight: float, sample: Deposit, position: Array, radius: Array, velocity: Array
+    ) -> None:
         """Add one sample to the sums and to the series."""
         for total, part in zip(self._sum, sample, strict=True):
             total += weight * part
         self._weight += weight
-        within = (z >= self.grid.z_edges[0]) & (z <= self.grid.z_edges[-1])
-        energy = 2 / 3 * np.pi * radius[within] ** 3 @ (velocity[within] ** 2).sum(axis=1)
+        z_edges = self.grid.z_edges
+        within = (position[:, 2] >= z_edges[0]) & (position[:, 2] < z_edges[-1])
+        position, velocity, volume = position[within], velocity[within], 4 / 3 * np.pi * radius[within] ** 3
+        self._moments += weight * _row_moments(position, velocity, volume, self.grid)
+        energy = 0.5 * volume @ (velocity**2).sum(axis=1)
         flow = -sample.flow_z.sum(axis=1)
-        self._series.append((time, flow, float(sample.volume.sum()), float(energy), int(within.sum())))
+        self._series.append((time, flow, float(sample.volume.sum()), float(energy), len(volume)))
 
     def take(self) -> Sums:
         """The sums of the segment so far; the next snapshot begins the next segment."""
@@ -241,6 +253,7 @@ class Collector:
             solids=solids,
             kinetic=kinetic,
             count=count,
+            moments=self._moments,
         )
         self._last_volume = stop_volume
         self._begin()
@@ -253,3 +266,14 @@ class Collector:
         particles = snapshot[1]
         position = particles.position
         return deposit(position, particles.radius, np.zeros_like(position), self.grid, self.points).volume
+
+
+def _row_moments(position: Array, velocity: Array, volume: Array, grid: Grid) -> Array:
+    """(6, nz) see `Sums.moments`."""
+    row = np.minimum(((position[:, 2] - grid.z_edges[0]) / grid.cell).astype(int), grid.shape[0] - 1)
+    angle = np.arctan2(position[:, 1], position[:, 0])
+    flow = volume * velocity[:, 2]
+    spin = volume * (velocity[:, 1] * np.cos(angle) - velocity[:, 0] * np.sin(angle))
+    waves = [f(m * angle) for m in (1, 2) for f in (np.cos, np.sin)]
+    columns = [flow, *(flow * wave for wave in waves), spin]
+    return np.array([np.bincount(row, column, grid.shape[0]) for column in columns])

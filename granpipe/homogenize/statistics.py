@@ -1,13 +1,15 @@
-"""Statistics of a correlated run: onset of the steady state, blocks, standard errors."""
+"""Statistics of a correlated run: onset of the steady state, blocks, standard errors, trends, off-centre flow."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from granpipe.errors import DataError
-from granpipe.field import Array
+from granpipe.field import Array, Grid, Mask
 from granpipe.homogenize.average import Sums, merge
 
 LEAST_BLOCKS = 7
@@ -69,3 +71,82 @@ def blocks(parts: Sequence[Sums], least: int = LEAST_BLOCKS) -> list[Sums]:
 def standard_error(values: Array) -> Array:
     """Standard error of the mean of (blocks, …) values along the first axis."""
     return np.asarray(values.std(axis=0, ddof=1) / np.sqrt(len(values)))
+
+
+def effective_samples(parts: Sequence[Sums]) -> float:
+    """How many independent samples the average is worth: variance of single samples over that of their mean.
+
+    The median over all levels of their flow; the variance of the mean comes from blocks.
+    """
+    flows = np.array([block.level_flow.mean(axis=0) for block in blocks(parts)])
+    single = merge(parts).level_flow.var(axis=0, ddof=1)
+    error = standard_error(flows)
+    return float(np.median(single[error > 0] / error[error > 0] ** 2)) if (error > 0).any() else np.inf
+
+
+def turnovers(sums: Sums, z_range: tuple[float, float]) -> float:
+    """How often the solids between two levels [m] were renewed: outflow below times duration, over their volume."""
+    rows = _rows_between(sums.grid, z_range)
+    lowest = int(np.argmax(rows))
+    outflow = -float(sums.flow_z[lowest].sum()) / sums.weight
+    return outflow * sums.duration / float(sums.mean_volume[rows].sum())
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A straight line through block means.
+
+    change : from the first block to the last, in the units of the values
+    p_value : chance of at least such a slope without a trend (Student's t on independent blocks)
+    """
+
+    change: float
+    p_value: float
+
+
+def trend(values: Array) -> Trend:
+    """Trend of (n,) block means: packing, mean particle size, level of a free surface."""
+    fit = stats.linregress(np.arange(len(values)), values)
+    return Trend(float(fit.slope) * (len(values) - 1), float(fit.pvalue))
+
+
+@dataclass(frozen=True)
+class OffCentre:
+    """What ring averages hide: flow that is not the same all round.
+
+    With the solids flow per angle ∝ 1 + a₁ cos(θ − θ₁) + a₂ cos 2(θ − θ₂) + …
+
+    amplitude : (2,) a₁ (leaning to one side) and a₂ (two-lobed)
+    amplitude_se : (2,) standard errors; without any asymmetry the amplitude is of their size, not 0
+    swirl : mean v_θ over mean downward speed, both weighted by volume
+    swirl_se : its standard error
+    """
+
+    amplitude: Array
+    amplitude_se: Array
+    swirl: float
+    swirl_se: float
+
+
+def off_centre(parts: Sequence[Sums], z_range: tuple[float, float]) -> OffCentre:
+    """Asymmetry of the flow between two levels [m], with errors from blocks."""
+    rows = _rows_between(parts[0].grid, z_range)
+    totals = []
+    for block in blocks(parts):
+        if block.moments is None:
+            raise DataError("these segment sums hold no moments about the axis; run again")
+        totals.append(block.moments[:, rows].sum(axis=1) / block.weight)
+    flow, waves, spin = np.split(np.array(totals), [1, 5], axis=1)
+    mean_flow = flow.mean()
+    waves, spin = 2 * waves / mean_flow, -spin / mean_flow
+    mean, error = waves.mean(axis=0).reshape(2, 2), standard_error(waves).reshape(2, 2)
+    return OffCentre(
+        np.hypot(*mean.T), np.sqrt((error**2).mean(axis=1)), float(spin.mean()), float(standard_error(spin)[0])
+    )
+
+
+def _rows_between(grid: Grid, z_range: tuple[float, float]) -> Mask:
+    rows = (grid.z_centres > z_range[0]) & (grid.z_centres < z_range[1])
+    if not rows.any():
+        raise DataError(f"no row of the grid lies between z = {z_range[0]:g} and {z_range[1]:g} m")
+    return np.asarray(rows)

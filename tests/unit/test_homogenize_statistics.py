@@ -7,8 +7,16 @@ import pytest
 
 from granpipe.errors import DataError
 from granpipe.field import Grid
-from granpipe.homogenize.average import Sums
-from granpipe.homogenize.statistics import blocks, onset, standard_error
+from granpipe.homogenize.average import Collector, Sums, merge
+from granpipe.homogenize.statistics import (
+    blocks,
+    effective_samples,
+    off_centre,
+    onset,
+    standard_error,
+    trend,
+    turnovers,
+)
 
 
 def autoregressive(rng, count, memory):
@@ -106,3 +114,70 @@ def test_blocks_see_the_error_that_correlated_samples_hide():
     told = np.mean([standard_error(np.array([b.mean_volume[0, 0] for b in blocks(segments(run))])) for run in runs])
     assert naive < 0.4 * true
     assert told == pytest.approx(true, rel=0.15)
+
+
+def test_effective_samples_of_a_series_with_memory_are_what_its_correlation_says():
+    # n samples of memory m are worth n (1 − m)/(1 + m) independent ones
+    rng = np.random.default_rng(4)
+    counted = []
+    for _ in range(40):
+        series = autoregressive(rng, 700, 0.8)
+        parts = [
+            replace(part, level_flow=np.full((1, 3), value))
+            for part, value in zip(segments(series), series, strict=True)
+        ]
+        counted.append(effective_samples(parts))
+    assert np.median(counted) == pytest.approx(700 * 0.2 / 1.8, rel=0.35)
+
+
+def test_a_trend_is_told_from_noise():
+    rng = np.random.default_rng(5)
+    false = np.mean([trend(rng.normal(size=12)).p_value < 0.05 for _ in range(400)])
+    assert 0.02 < false < 0.09
+    found = trend(3 * np.arange(12) / 11 + 0.1 * rng.normal(size=12))
+    assert found.change == pytest.approx(3, abs=0.3)
+    assert found.p_value < 1e-6
+
+
+class Rain:
+    """Spheres spread over a cylinder that fall at a speed depending on their angle, and turn about the axis."""
+
+    def __init__(self, seed, lean=0.0, lobes=0.0, spin=0.0):
+        rng = np.random.default_rng(seed)
+        count = 4000
+        r, angle = 0.2 * np.sqrt(rng.random(count)), rng.uniform(0, 2 * np.pi, count)
+        self.id = np.arange(count)
+        self.radius = np.full(count, 0.01)
+        self.position = np.column_stack([r * np.cos(angle), r * np.sin(angle), rng.uniform(-0.05, 0.45, count)])
+        w = -0.1 * (1 + lean * np.cos(angle - 0.7) + lobes * np.cos(2 * angle + 0.3))
+        self.velocity = np.column_stack([-spin * np.sin(angle), spin * np.cos(angle), w])
+
+
+def rained(**asymmetry):
+    collector, parts = Collector(Grid.covering(0.2, 0.0, 0.4, 0.1)), []
+    for number in range(10):
+        collector.add(float(number), Rain(number, **asymmetry))
+        parts.append(collector.take())
+    return parts
+
+
+def test_lean_lobes_and_swirl_are_told_with_their_errors():
+    found = off_centre(rained(lean=0.3, lobes=0.2, spin=0.02), (0.0, 0.4))
+    assert (np.abs(found.amplitude - [0.3, 0.2]) < 4 * found.amplitude_se).all()
+    assert abs(found.swirl - 0.2) < 4 * found.swirl_se + 1e-3
+    assert (found.amplitude_se < 0.02).all()
+
+
+def test_symmetric_flow_has_amplitudes_of_the_size_of_their_errors():
+    found = off_centre(rained(), (0.1, 0.3))
+    assert (found.amplitude < 4 * found.amplitude_se).all()
+    assert abs(found.swirl) < 1e-12
+
+
+def test_turnovers_count_how_often_the_filling_is_renewed():
+    # 0.1 m/s through 0.4 m for 9 s: 2.25 times, for the lower half twice that
+    whole = merge(rained())
+    assert turnovers(whole, (0.0, 0.4)) == pytest.approx(9 * 0.1 / 0.4, rel=0.1)
+    assert turnovers(whole, (0.0, 0.2)) == pytest.approx(9 * 0.1 / 0.2, rel=0.1)
+    with pytest.raises(DataError, match="no row"):
+        turnovers(whole, (0.5, 0.6))
