@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 import sys
 import time
@@ -42,6 +43,14 @@ class _Group(click.Group):
             sys.exit(INTERRUPTED)
         except BrokenPipeError:
             sys.exit(0)
+        except OSError as error:
+            remedy = (
+                "make room and run again: it resumes"
+                if error.errno == errno.ENOSPC
+                else "choose another folder, or mend this one"
+            )
+            click.echo(f"granpipe: {error.filename or 'a file'}: {error.strerror}; {remedy}", err=True)
+            sys.exit(GranpipeError.exit_status)
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})

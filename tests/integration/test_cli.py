@@ -86,6 +86,14 @@ def test_a_results_folder_of_somebody_else_is_not_touched(tiny: Path) -> None:
     assert (own / "thesis.txt").read_text() == "years of work"
 
 
+def test_a_results_folder_that_cannot_be_made_is_one_sentence(tiny: Path) -> None:
+    (tiny.parent / "results").write_text("a file, not a folder")
+    done = granpipe("run", tiny, cwd=tiny.parent)
+    assert done.returncode == 3
+    assert "results" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
 def test_a_truncated_dump_is_refused_with_the_byte(tmp_path: Path) -> None:
     header = struct.pack("<qqi6i6dii", 0, 10, 0, *[1] * 6, *[0.0, 1.0] * 3, 9, 1)
     (tmp_path / "a.bin").write_bytes(header + struct.pack("<i", 90) + bytes(100))
