@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Grid
-from granpipe.homogenize.deposit import Deposit, deposit, deposit_paths
+from granpipe.homogenize.deposit import Deposit, deposit, deposit_paths, empty_deposit
 
 Sampling = Literal["velocity", "displacement"]
 
@@ -169,10 +169,14 @@ class Collector:
     sampling : see `Sums`
     points : Gauss points over a cell's height
     path_density : points along the paths between two snapshots, in parts of the usual number, for ``displacement``
+    threads : cores to use
     """
 
-    def __init__(self, grid: Grid, sampling: Sampling = "velocity", points: int = 3, path_density: float = 1.0) -> None:
-        self.grid, self.sampling, self.points, self.path_density = grid, sampling, points, path_density
+    def __init__(
+        self, grid: Grid, sampling: Sampling = "velocity", points: int = 3, path_density: float = 1.0, threads: int = 1
+    ) -> None:
+        self.grid, self.sampling = grid, sampling
+        self.points, self.path_density, self.threads = points, path_density, threads
         self._last: tuple[float, Particles] | None = None
         self._last_volume: Array | None = None
         self._begin()
@@ -181,9 +185,8 @@ class Collector:
         """Empty the sums; the present last snapshot is the beginning of the segment."""
         self._first = self._last
         self._first_volume = self._last_volume
-        rows, columns = self.grid.shape
-        self._sum = Deposit(np.zeros((rows, columns)), np.zeros((rows, columns + 1)), np.zeros((rows + 1, columns)))
-        self._moments = np.zeros((6, rows))
+        self._sum = empty_deposit(self.grid)
+        self._moments = np.zeros((6, self.grid.shape[0]))
         self._weight = 0.0
         self._series: list[tuple[float, Array, float, float, int]] = []
 
@@ -194,7 +197,7 @@ class Collector:
         volume = None
         if self.sampling == "velocity":
             position, velocity, radius = particles.position, particles.velocity, particles.radius
-            sample = deposit(position, radius, velocity, self.grid, self.points)
+            sample = deposit(position, radius, velocity, self.grid, self.points, self.threads)
             self._take(time, 1.0, sample, position, radius, velocity)
             volume = sample.volume
         elif self._last is not None:
@@ -207,7 +210,9 @@ class Collector:
         _, at_old, at_new = np.intersect1d(old.id, new.id, return_indices=True)
         start, radius = old.position[at_old], new.radius[at_new]
         path = new.position[at_new] - start
-        sample = deposit_paths(start, path, radius, now - before, self.grid, self.points, self.path_density)
+        sample = deposit_paths(
+            start, path, radius, now - before, self.grid, self.points, self.path_density, self.threads
+        )
         velocity = path / (now - before)
         self._take(0.5 * (before + now), now - before, sample, start + 0.5 * path, radius, velocity)
 

@@ -11,10 +11,11 @@ import numba
 
 from granpipe.field import Array
 
-_LEAST_K2 = 1e-200
+_TOP = (-1.615753718733365076637e1, -7.500855792314704667340e1, -1.228866684490136173410e2, -6.485021904942025371773e1)
+_BOTTOM = (1.650270098316988542046e2, 4.328810604912902668951e2, 4.853903996359136964868e2, 1.945506571482613964425e2)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def add(
     z: Array,
     distance: Array,
@@ -63,7 +64,7 @@ def add(
             _disc(D, a * a - offset * offset, r_edges, cell, vertical_velocity[i], 0.0, flow_z[level], unused)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def _disc(
     D: float, square: float, r_edges: Array, cell: float, weight: float, arc_weight: float, rings: Array, arcs: Array
 ) -> None:
@@ -77,16 +78,46 @@ def _disc(
         return
     # a centre inside the outermost radius keeps its disc: the outermost edge then does not cut it
     last = min(math.floor((D + s) / cell), edges - 2 if r_edges[-1] >= D else edges - 1)
+    arc_part = arc_weight / D
+    disc = math.pi * square
     inside = 0.0
     for edge in range(first, last + 1):
         R = r_edges[edge]
         across, inner, outer, far = R + D + s, R + s - D, R + D - s, D + s - R
-        k = math.sqrt(max(across * inner * outer * far, _LEAST_K2))
-        axis_angle = math.atan(k / max(across * outer, 0.0))
-        disc_angle = math.atan(k / max(across * far, 0.0))
-        area = min(2 * (R * R * axis_angle + square * disc_angle) - 0.5 * k, math.pi * square)
+        if inner <= 0.0:
+            continue
+        if outer <= 0.0:
+            area = math.pi * R * R
+        elif far <= 0.0:
+            area = disc
+        else:
+            product = across * outer * far
+            root = math.sqrt(inner / product)
+            k = root * product
+            area = min(2 * (R * R * _arctan(root * far) + square * _arctan(root * outer)) - 0.5 * k, disc)
+            arcs[edge] += arc_part * k
         rings[edge - 1] += weight * (area - inside)
-        arcs[edge] += arc_weight * k / D
         inside = area
     if last < edges - 1:
-        rings[last] += weight * (math.pi * square - inside)
+        rings[last] += weight * (disc - inside)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _arctan(x: float) -> float:
+    """Arctangent of x ≥ 0 to the last digit, faster than the C library's: the rational function of Cephes' ``atan``.
+
+    Moshier, Methods and Programs for Mathematical Functions (1989).
+    """
+    turn = 0.0
+    if x > 2.414213562373095:  # tan 3π/8
+        turn, x = 0.5 * math.pi, -1.0 / x
+    elif x > 0.66:
+        turn, x = 0.25 * math.pi, (x - 1.0) / (x + 1.0)
+    w = x * x
+    top = -8.750608600031904122785e-1
+    for c in _TOP:
+        top = top * w + c
+    bottom = w + 2.485846490142306297962e1
+    for c in _BOTTOM:
+        bottom = bottom * w + c
+    return turn + (x * w * top / bottom + x)

@@ -150,3 +150,12 @@ def test_no_particles_give_an_empty_deposit():
     result = deposit(np.empty((0, 3)), np.empty(0), np.empty((0, 3)), GRID)
     assert [array.shape for array in result] == [(60, 40), (60, 41), (61, 40)]
     assert not any(array.any() for array in result)
+
+
+def test_several_threads_give_the_same():
+    position, radius = random_spheres(200, seed=9)
+    velocity = np.random.default_rng(4).normal(size=(200, 3))
+    for one, other in zip(
+        deposit(position, radius, velocity, GRID), deposit(position, radius, velocity, GRID, threads=3), strict=True
+    ):
+        assert np.allclose(one, other, rtol=1e-11, atol=1e-18)

@@ -1,79 +1,31 @@
 """Error of the averaged field in a converging flow whose truth is known, and what its error bars are worth."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
-from fakes.analytic_flow import ConvergingFlow, snapshots
+from fakes.converging_scene import DIAMETER, FLOW, GRID, INSIDE, PLUG, TRUTH, averaged, errors_of, relative
 from scipy import stats
 
-from granpipe.field import Grid, divergence, level_flow
+from granpipe.field import divergence, level_flow
 from granpipe.homogenize.assemble import paper_field
-from granpipe.homogenize.average import Collector, merge
+from granpipe.homogenize.average import merge
 from granpipe.homogenize.conserve import measure_plug
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import blocks
-
-RADIUS = 0.03
-DIAMETER = 2 * RADIUS
-FLOW = ConvergingFlow(
-    height=0.5, upper_radius=0.25, lower_radius=0.2, cone_top=0.4, cone_bottom=0.1, solids_flow=0.01, peak=0.5
-)
-GRID = Grid.covering(FLOW.upper_radius + RADIUS, 0.0, FLOW.height, RADIUS / 2)
-INTERVAL = 0.6 * DIAMETER / (FLOW.solids_flow / (np.pi * FLOW.lower_radius**2 * FLOW.packing))
-TRUTH = FLOW.smeared_flux(GRID.r_edges, GRID.z_edges, RADIUS, 1024)
-
-
-def wall(z):
-    """Radius that the spheres' surfaces reach: their centres' wall and a sphere radius along its normal."""
-    radius, slope = FLOW.wall(z)
-    return radius + RADIUS * np.sqrt(1 + slope**2)
-
-
-INSIDE = (GRID.r_edges[None, :-1] < wall(GRID.z_centres)[:, None] - 1e-9).astype(float)
-
-
-@dataclass
-class Spheres:
-    id: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    radius: np.ndarray
-
-
-def averaged(seed, count, segments):
-    """Segment sums of one independent run."""
-    collector, parts = Collector(GRID, "displacement"), []
-    for number, spheres in enumerate(snapshots(FLOW, np.array([RADIUS]), INTERVAL, count + 1, seed)):
-        collector.add(number * INTERVAL, Spheres(*spheres))
-        if number and number % (count // segments) == 0:
-            parts.append(collector.take())
-    return parts
-
-
-def relative(error, truth, where):
-    area = np.broadcast_to(GRID.ring_area, truth.shape)
-    return np.sqrt((area * error**2)[where].sum() / (area * truth**2)[where].sum())
 
 
 @pytest.fixture(scope="module")
 def errors():
     """method → (whole, wall, axis, interior, u) error, mean of several runs."""
-    edge, r = wall(GRID.z_edges)[:, None], np.broadcast_to(GRID.r_centres, TRUTH[1].shape)
-    zones = [r >= 0, (r < edge) & (r > edge - DIAMETER), r < DIAMETER, (r > DIAMETER) & (r < edge - DIAMETER)]
     found = {}
     for seed in range(8):
         parts = averaged(seed, 42, 7)
         sums = merge(parts)
-        plug = measure_plug(sums, INSIDE, (0.0, 0.1), DIAMETER)
+        plug = measure_plug(sums, INSIDE, PLUG, DIAMETER)
         paper = {f"paper, {n} passes": paper_field(sums, INSIDE, plug, DIAMETER, n) for n in (0, 1, 2)}
         fields = paper | {"psi": psi_field(parts, INSIDE, plug, DIAMETER).field}
         fluxes = {"raw": sums.mean_flux} | {name: (field.flux_r, field.flux_z) for name, field in fields.items()}
-        for name, (flux_r, flux_z) in fluxes.items():
-            side = GRID.side_area * np.ones_like(flux_r)
-            u = np.sqrt((side * (flux_r - TRUTH[0]) ** 2).sum() / (side * TRUTH[0] ** 2).sum())
-            row = [relative(flux_z - TRUTH[1], TRUTH[1], zone) for zone in zones]
-            found.setdefault(name, []).append([*row, u])
+        for name, flux in fluxes.items():
+            found.setdefault(name, []).append(list(errors_of(*flux).values()))
     return {name: np.mean(rows, axis=0) for name, rows in found.items()}
 
 
@@ -98,7 +50,7 @@ def test_the_error_falls_with_the_length_of_the_run():
         error = []
         for seed in range(4):
             parts = averaged(100 + seed, count, 7)
-            plug = measure_plug(merge(parts), INSIDE, (0.0, 0.1), DIAMETER)
+            plug = measure_plug(merge(parts), INSIDE, PLUG, DIAMETER)
             field = psi_field(parts, INSIDE, plug, DIAMETER).field
             error.append(relative(field.flux_z - TRUTH[1], TRUTH[1], np.ones(TRUTH[1].shape, dtype=bool)))
         means.append(np.mean(error))
@@ -111,7 +63,7 @@ def test_nominal_intervals_hold_the_truth_as_often_as_they_say():
     held = {"raw": [], "final": []}
     for seed in range(20):
         parts = averaged(200 + seed, 84, 7)
-        plug = measure_plug(merge(parts), INSIDE, (0.0, 0.1), DIAMETER)
+        plug = measure_plug(merge(parts), INSIDE, PLUG, DIAMETER)
         fitted = psi_field(parts, INSIDE, plug, DIAMETER)
         field, reach = fitted.field, stats.t.ppf(0.975, len(blocks(parts)) - 1)
         pairs = {
