@@ -16,7 +16,16 @@ from granpipe.homogenize.assemble import paper_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, measure_plug
 from granpipe.homogenize.psi_field import psi_field
-from granpipe.homogenize.statistics import onset
+from granpipe.homogenize.statistics import (
+    LEAST_BLOCKS,
+    OffCentre,
+    blocks,
+    effective_samples,
+    off_centre,
+    onset,
+    trend,
+    turnovers,
+)
 from granpipe.plan import Plan
 from granpipe.quality import breach_gate, level_flow_gate, packing_gate, size_gate
 from granpipe.results import Made
@@ -44,6 +53,7 @@ def dem_field(plan: Plan, production: Production) -> Made:
             *map(breach_gate, plan.breaches),
         ),
         figures=conserved.figures
+        | run_statistics(parts, plan.outline)
         | {
             "averaged_from_s": parts[0].start,
             "averaged_to_s": parts[-1].stop,
@@ -58,6 +68,37 @@ def dem_field(plan: Plan, production: Production) -> Made:
         },
         productions=(production,),
     )
+
+
+def run_statistics(parts: Sequence[Sums], outline: Outline) -> dict[str, Any]:
+    """What the average is worth and what it hides: independent samples, turnovers, trends, flow off the centre.
+
+    Below one turnover a section still holds what it was filled with. Empty where there are too few segments for errors.
+    """
+    if len(parts) < LEAST_BLOCKS:
+        return {}
+    whole = merge(parts)
+    ranges = {name: (section.z_bottom, section.z_top) for name, section in outline.sections.items()}
+    solids, kinetic = (np.array([getattr(b, name).mean() for b in blocks(parts)]) for name in ("solids", "kinetic"))
+    return {
+        "effective_samples": effective_samples(parts),
+        "turnovers": {name: turnovers(whole, levels) for name, levels in ranges.items()},
+        "trend_of_solids": {"relative_change": trend(solids / solids.mean()).change, "p_value": trend(solids).p_value},
+        "trend_of_kinetic_energy": {
+            "relative_change": trend(kinetic / kinetic.mean()).change,
+            "p_value": trend(kinetic).p_value,
+        },
+        "off_centre": {name: _plain(off_centre(parts, levels)) for name, levels in ranges.items()},
+    }
+
+
+def _plain(asymmetry: OffCentre) -> dict[str, Any]:
+    return {
+        "amplitudes": asymmetry.amplitude.tolist(),
+        "amplitudes_se": asymmetry.amplitude_se.tolist(),
+        "swirl": asymmetry.swirl,
+        "swirl_se": asymmetry.swirl_se,
+    }
 
 
 @dataclass(frozen=True)
