@@ -15,7 +15,7 @@ _TOP = (-1.615753718733365076637e1, -7.500855792314704667340e1, -1.2288666844901
 _BOTTOM = (1.650270098316988542046e2, 4.328810604912902668951e2, 4.853903996359136964868e2, 1.945506571482613964425e2)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def add(
     z: Array,
     distance: Array,
@@ -64,7 +64,7 @@ def add(
             _disc(D, a * a - offset * offset, r_edges, cell, vertical_velocity[i], 0.0, flow_z[level], unused)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _disc(
     D: float, square: float, r_edges: Array, cell: float, weight: float, arc_weight: float, rings: Array, arcs: Array
 ) -> None:
@@ -92,9 +92,8 @@ def _disc(
             area = disc
         else:
             product = across * outer * far
-            root = math.sqrt(inner / product)
-            k = root * product
-            area = min(2 * (R * R * _arctan(root * far) + square * _arctan(root * outer)) - 0.5 * k, disc)
+            k = math.sqrt(inner * product)
+            area = min(2 * (R * R * _angle(k, across * outer) + square * _angle(k, across * far)) - 0.5 * k, disc)
             arcs[edge] += arc_part * k
         rings[edge - 1] += weight * (area - inside)
         inside = area
@@ -102,17 +101,18 @@ def _disc(
         rings[last] += weight * (disc - inside)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def _arctan(x: float) -> float:
-    """Arctangent of x ≥ 0 to the last digit, faster than the C library's: the rational function of Cephes' ``atan``.
+@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _angle(y: float, x: float) -> float:
+    """Arctangent of y/x for x, y > 0 to the last digit, faster than the C library's ``atan2``.
 
-    Moshier, Methods and Programs for Mathematical Functions (1989).
+    The rational function of Cephes' ``atan`` (Moshier, Methods and Programs for Mathematical Functions, 1989).
     """
-    turn = 0.0
-    if x > 2.414213562373095:  # tan 3π/8
-        turn, x = 0.5 * math.pi, -1.0 / x
-    elif x > 0.66:
-        turn, x = 0.25 * math.pi, (x - 1.0) / (x + 1.0)
+    if y > 2.414213562373095 * x:  # tan 3π/8
+        turn, x = 0.5 * math.pi, -x / y
+    elif y > 0.66 * x:
+        turn, x = 0.25 * math.pi, (y - x) / (y + x)
+    else:
+        turn, x = 0.0, y / x
     w = x * x
     top = -8.750608600031904122785e-1
     for c in _TOP:
