@@ -13,7 +13,7 @@ from granpipe.field import Array, Field, Grid, Mask, flux_from_psi, level_flow
 from granpipe.homogenize.assemble import raw_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, plug_levels
-from granpipe.homogenize.psi_fit import PsiFit, Weights, node_roles
+from granpipe.homogenize.psi_fit import PsiFit, Roles, Weights, node_roles
 from granpipe.homogenize.smooth import flowing_faces
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
 
@@ -69,10 +69,7 @@ def psi_field(
     roles = node_roles(inside_fraction, raw.bulk)
     steady = _Steady(sums, plug)
     data = [(steady.flux(block), steady.plug_flow(block)) for block in independent]
-    candidates = [
-        PsiFit(sums.grid, roles, weights, length * diameter, CLEARANCE * diameter) for length in SMOOTHING_LENGTHS
-    ]
-    fit = min(candidates, key=lambda candidate: _prediction_error(candidate, data, weights))
+    fit = _best_fit(data, sums.grid, roles, weights, diameter)
     psi = fit.solve(*steady.flux(sums), plug.solids_flow)
     flux_r, flux_z = flux_from_psi(psi, sums.grid)
     field = replace(raw, psi=psi, flux_r=flux_r, flux_z=flux_z)
@@ -80,6 +77,20 @@ def psi_field(
         se = _standard_errors([flux_from_psi(fit.solve(*flux, flow), sums.grid) for flux, flow in data])
         field = replace(field, raw_flux_r_se=raw_se[0], raw_flux_z_se=raw_se[1], flux_r_se=se[0], flux_z_se=se[1])
     return PsiFitted(field, fit.smoothing_length, len(independent), steady.storage)
+
+
+def _best_fit(
+    data: Sequence[tuple[Flux, float]], grid: Grid, roles: Roles, weights: Weights, diameter: float
+) -> PsiFit:
+    """The fit whose smoothing length predicts left-out blocks best; no more than two are held at a time."""
+    best, least = None, np.inf
+    for length in SMOOTHING_LENGTHS:
+        fit = PsiFit(grid, roles, weights, length * diameter, CLEARANCE * diameter)
+        error = _prediction_error(fit, data, weights)
+        if best is None or error < least:
+            best, least = fit, error
+    assert best is not None
+    return best
 
 
 def _prediction_error(fit: PsiFit, data: Sequence[tuple[Flux, float]], weights: Weights) -> float:
