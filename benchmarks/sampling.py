@@ -1,0 +1,77 @@
+"""Flow sampled by the velocities in snapshots against flow sampled by displacement between them: same run, same files.
+
+For a run that kept its snapshots (`granpipe run CASE --set dem.keep_snapshots=all`); prints a table.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from granpipe.case import load_case
+from granpipe.dem.dump import first_step, read_snapshot
+from granpipe.field import Array, Field, Grid, level_flow
+from granpipe.geometry.outline import Outline
+from granpipe.homogenize.average import Collector, Sums, merge
+from granpipe.homogenize.conserve import measure_plug
+from granpipe.homogenize.psi_field import psi_field
+
+SAMPLINGS: tuple[Literal["velocity", "displacement"], ...] = ("velocity", "displacement")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("snapshots", type=Path, help="folder of the binary snapshots")
+    parser.add_argument("--case", type=Path, required=True)
+    parser.add_argument("--time-step", type=float, required=True, help="[s]")
+    parser.add_argument("--cell", type=float, required=True, help="[m]")
+    parser.add_argument("--start", type=float, default=0.0, help="average from this time on [s]")
+    parser.add_argument("--segment", type=int, default=5, help="snapshots per segment")
+    options = parser.parse_args()
+    outline = Outline.from_case(load_case(options.case))
+    grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, options.cell)
+    print("| | " + " | ".join(SAMPLINGS) + " |\n|---|---|---|")
+    columns = [compare(segments(options, grid, sampling), outline, grid) for sampling in SAMPLINGS]
+    for name in columns[0]:
+        print(f"| {name} | " + " | ".join(f"{100 * column[name]:.1f} %" for column in columns) + " |")
+
+
+def segments(options: argparse.Namespace, grid: Grid, sampling: Literal["velocity", "displacement"]) -> list[Sums]:
+    collector, parts = Collector(grid, sampling), []
+    for number, path in enumerate(sorted(options.snapshots.glob("*.bin"), key=first_step)):
+        collector.add(first_step(path) * options.time_step, read_snapshot(path))
+        if number and number % options.segment == 0:
+            parts.append(collector.take())
+    return [part for part in parts if part.start >= options.start]
+
+
+def compare(parts: list[Sums], outline: Outline, grid: Grid) -> dict[str, float]:
+    inside = outline.inside_fraction(grid)
+    diameter = 4 * grid.cell
+    z_range = (outline.z_bottom, outline.z_bottom + max(0.5 * outline.outlet_radius, 2 * grid.cell))
+    sums = merge(parts)
+    plug = measure_plug(sums, inside, z_range, diameter)
+    flow = level_flow(sums.mean_flux[1], grid) / plug.solids_flow
+    gathered = np.concatenate([[0.0], np.cumsum(sums.storage.sum(axis=1))]) / plug.solids_flow
+    field = psi_field(parts, inside, plug, diameter).field
+    return {
+        "worst level, plain average, against the plug": float(np.abs(flow - 1).max()),
+        "the same, less what the filling gained": float(np.abs(flow - 1 - gathered).max()),
+        "standard error of the plain average": error_share(field.raw_flux_z_se, field.raw_flux_z, field),
+        "standard error of the fitted field": error_share(field.flux_z_se, field.flux_z, field),
+    }
+
+
+def error_share(error: Array | None, flux: Array | None, field: Field) -> float:
+    """√(Σ A δ² / Σ A F²)."""
+    assert error is not None
+    assert flux is not None
+    area = field.grid.ring_area
+    return float(np.sqrt((area * error**2).sum() / (area * flux**2).sum()))
+
+
+if __name__ == "__main__":
+    main()
