@@ -65,6 +65,8 @@ def psi_field(
     raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
     independent = blocks(parts) if len(parts) >= LEAST_BLOCKS else list(parts)
     raw_se = _standard_errors([block.mean_flux for block in independent])
+    if raw_se[1].max() < 1e-9 * np.abs(sums.mean_flux[1]).max():
+        raise DataError("the segments do not differ at all: no standard error can be had from them")
     weights = _weights(raw_se, flowing_faces(raw.bulk, inside_fraction), sums.grid, diameter)
     roles = node_roles(inside_fraction, raw.bulk)
     steady = _Steady(sums, plug)
@@ -124,7 +126,10 @@ class _Steady:
         excess = self._excess(sums)
         worst = int(np.argmax(np.abs(excess)))
         self.storage = float(abs(excess[worst]) / plug.solids_flow)
-        if self.storage > _MOST_STORAGE or self._flow.min() <= 0:
+        if self._flow.min() <= 0:
+            z = sums.grid.z_edges[int(np.argmin(self._flow))]
+            raise DataError(f"no downward flow through z = {z:g} m in the average: blocked there, or average longer")
+        if self.storage > _MOST_STORAGE:
             raise DataError(
                 f"the filling changes too fast for a steady field: between the plug and z = "
                 f"{sums.grid.z_edges[worst]:g} m {self.storage:.0%} of the flow gathers, of which {_MOST_STORAGE:.0%} "
@@ -171,8 +176,6 @@ def _weights(se: Flux, faces: tuple[Mask, Mask], grid: Grid, diameter: float) ->
 def _smooth_variance(variance: Array, faces: Mask, grid: Grid, diameter: float) -> Array:
     reach = _VARIANCE_REACH * diameter / grid.cell
     known = faces & (variance > 0)
-    if not known.any():
-        raise DataError("the segments do not differ at all: no standard error can be had from them")
     seen = ndimage.gaussian_filter(np.where(known, variance, 0), reach)
     counted = ndimage.gaussian_filter(known.astype(float), reach)
     mean = float(variance[known].mean())
