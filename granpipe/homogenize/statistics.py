@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtr
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Grid, Mask
@@ -106,8 +106,12 @@ class Trend:
 
 def trend(values: Array) -> Trend:
     """Trend of (n,) block means: packing, mean particle size, level of a free surface."""
-    fit = stats.linregress(np.arange(len(values)), values)
-    return Trend(float(fit.slope) * (len(values) - 1), float(fit.pvalue))
+    at = np.arange(len(values)) - 0.5 * (len(values) - 1)
+    slope = float(at @ values / (at @ at))
+    rest = values - values.mean() - slope * at
+    freedom = len(values) - 2
+    t = slope / np.sqrt(rest @ rest / freedom / (at @ at))
+    return Trend(slope * (len(values) - 1), float(2 * stdtr(freedom, -abs(t))))
 
 
 @dataclass(frozen=True)

