@@ -400,8 +400,10 @@ class Contact(Group):
     @field_validator("wall")
     @classmethod
     def _as_particles(cls, wall: WallContact, info: ValidationInfo) -> WallContact:
-        given = wall.model_dump(exclude_none=True)
-        return wall.model_copy(update={k: info.data.get(k) for k in WallContact.model_fields if k not in given})
+        """Filled in, but not marked as given: it follows the contact between particles when that is varied."""
+        derived = {key: info.data.get(key) for key in WallContact.model_fields}
+        given = wall.model_dump(exclude_unset=True)
+        return WallContact.model_construct(set(given), **(derived | given))
 
     @model_validator(mode="after")
     def _consistent(self) -> Contact:
@@ -566,6 +568,13 @@ class Case(Group):
                 show_value=False,
             )
         return self
+
+    def varied(self, changes: Mapping[str, str]) -> Case:
+        """The case with dotted keys changed to YAML text, as by ``--set``; what followed from them follows anew.
+
+        The outline is in metres by now, whatever the unit of its file. CaseError with the key where a change is wrong.
+        """
+        return resolve(self.model_dump(mode="json", exclude_unset=True), Places(self.name), changes).case
 
     def to_yaml(self) -> str:
         """The resolved case as YAML, every default included; loads again as the same case."""
