@@ -40,3 +40,10 @@ def tiny(tmp_path: Path, tiny_text: str) -> Path:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update", action="store_true", help="write the pinned figures of tests/regression anew")
+    parser.addoption("--inputs", type=int, default=1500, help="damaged inputs for each reader in tests/fuzz")
+
+
+@pytest.fixture
+def fuzz_inputs(request: pytest.FixtureRequest) -> int:
+    """How many damaged inputs each reader gets."""
+    return int(request.config.getoption("--inputs"))

@@ -367,6 +367,8 @@ class _Lines:
         return end
 
     def _parse(self, text: bytes, lines: int, columns: int) -> Array:
+        if not text.strip():
+            raise self.error(f"{lines} lines of {columns} numbers expected below, found blank ones")
         try:
             values = np.loadtxt(text.decode("ascii").splitlines(), ndmin=2, comments=None)
         except ValueError as error:

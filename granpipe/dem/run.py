@@ -1,13 +1,15 @@
 """The LIGGGHTS process: started with limits, watched, ended with everything it started.
 
 LIGGGHTS is trusted only if it exited 0 and printed the last line of its deck. Its output goes line by line into a file
-(through a pipe its last words would be lost), every file it writes is capped in size, and it dies with granpipe.
+(through a pipe its last words would be lost), and it dies with granpipe. What it may write, hold in memory and keep
+silent for is limited: the kernel caps each file, the rest is looked at while it runs.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 import os
 import re
 import resource
@@ -26,7 +28,20 @@ DONE = "granpipe: done"
 """Last line of a deck of granpipe that was worked off."""
 
 _POLL = 0.2  # s
+_BLOCK = 1 << 22  # bytes of output taken in at a time
+_MEMORY_EVERY = 2.0  # s
 _PR_SET_PDEATHSIG = 1
+_PAGE = os.sysconf("SC_PAGE_SIZE")  # bytes
+
+_LEAST_FILE = 256 * 1024**2  # bytes; Open MPI's own shared files take some megabytes
+_LEAST_OUTPUT = 32 * 1024**2  # bytes
+_STEP_OUTPUT = 100  # bytes a step; 1 to 10 were seen
+_FILE_BYTES = 20_000  # a particle; restart files were seen to take 500 to 1000, contacts included
+_RANK_MEMORY = 500_000_000  # bytes; an empty rank takes 60 MB
+_PARTICLE_MEMORY = 50_000  # bytes
+_LEAST_SILENCE = 120.0  # s; a machine that others use may be slow for a while
+_SLOWER = 50  # times slower than expected, or than ever seen, is no longer running
+
 _INSERTED = re.compile(r"INFO: Particle insertion \w+: inserted (\d+) particle templates")
 _SEGMENT = re.compile(r"granpipe: segment (\d+)")
 
@@ -72,8 +87,11 @@ class Status:
     done: bool = False
     message: str = ""
 
-    def read(self, line: str) -> None:
-        """Take in one line of LIGGGHTS' output."""
+    def read(self, line: str) -> bool:
+        """Take in one line of LIGGGHTS' output; True for a row of the thermo table.
+
+        Insertions are printed before the row that counts their particles, so at each row all numbers belong together.
+        """
         if insertion := _INSERTED.match(line):
             self.inserted += int(insertion[1])
         elif "Less insertions than requested" in line:
@@ -85,17 +103,54 @@ class Status:
         elif line.startswith("granpipe: "):
             self.message = line.removeprefix("granpipe: ").strip()
         else:
-            self._thermo(line.split())
+            return self._thermo(line.split())
+        return False
 
-    def _thermo(self, words: list[str]) -> None:
+    def _thermo(self, words: list[str]) -> bool:
         """A row of the thermo table: step atoms ke [discharge: count, deleted] cpu."""
-        if len(words) not in (4, 6) or not words[0].isdigit():
-            return
-        with contextlib.suppress(ValueError):
-            self.step, self.particles = int(words[0]), int(words[1])
-            self.kinetic_energy = float(words[2])
-            if len(words) == 6:
-                self.discharged = int(float(words[4]))
+        if len(words) not in (4, 6) or not (words[0].isdigit() and words[1].isdigit()):
+            return False
+        try:
+            energy, *discharge, _ = map(float, words[2:])
+        except ValueError:
+            return False
+        self.step, self.particles, self.kinetic_energy = int(words[0]), int(words[1]), energy
+        if discharge and math.isfinite(discharge[1]):
+            self.discharged = int(discharge[1])
+        return True
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What LIGGGHTS may use before it is ended.
+
+    Parameters
+    ----------
+    file_bytes : largest size of any one file that it writes; room for the MPI library's shared files included
+    output_bytes : of all that it prints
+    memory_bytes : of all its ranks together, shared pages counted in each
+    silence : time without a new row of the thermo table [s], unless rows have come more slowly before
+    """
+
+    file_bytes: int = 2 * 1024**3
+    output_bytes: int = 512 * 1024**2
+    memory_bytes: int = 1 << 62
+    silence: float = 600.0
+
+    @classmethod
+    def of(cls, particles: int, ranks: int, steps: int, seconds_per_row: float) -> Limits:
+        """Limits of a run of a planned size.
+
+        Parameters
+        ----------
+        seconds_per_row : expected time from one row of the thermo table to the next [s]
+        """
+        return cls(
+            file_bytes=max(_LEAST_FILE, _FILE_BYTES * particles),
+            output_bytes=_LEAST_OUTPUT + _STEP_OUTPUT * steps,
+            memory_bytes=_RANK_MEMORY * ranks + _PARTICLE_MEMORY * particles,
+            silence=max(_LEAST_SILENCE, _SLOWER * seconds_per_row),
+        )
 
 
 class Liggghts:
@@ -107,13 +162,13 @@ class Liggghts:
     folder : working folder; ``output.txt`` and ``log.liggghts`` appear there
     ranks : MPI ranks
     variables : values for ``${name}`` in the deck
-    file_cap : largest size of any one file that it may write [bytes]
+    limits : what it may use
     """
 
     def __init__(
-        self, deck: str, folder: Path, ranks: int, variables: Mapping[str, int], file_cap: int = 2 * 1024**3
+        self, deck: str, folder: Path, ranks: int, variables: Mapping[str, int], limits: Limits | None = None
     ) -> None:
-        self.folder, self.ranks, self.file_cap = folder, ranks, file_cap
+        self.folder, self.ranks, self.limits = folder, ranks, limits or Limits()
         self.command = _command(deck, ranks, variables)
         self.status = Status()
         self._output = folder / "output.txt"
@@ -136,66 +191,139 @@ class Liggghts:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=_Limits(self.file_cap, os.getpid()),
+                preexec_fn=_InChild(self.limits.file_bytes, os.getpid()),
             )
         return self
 
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def lines(self) -> Iterator[str]:
-        """New complete lines of the output since the last call; `status` follows them."""
-        with self._output.open("rb") as output:
-            output.seek(self._read)
-            data = output.read(1 << 20)
-        self._read += len(data)
-        *complete, self._tail = (self._tail + data.decode(errors="replace")).split("\n")
-        for line in complete:
-            self.status.read(line)
-            yield line
-
     def wait(self) -> Iterator[Status]:
-        """Yield the status a few times a second until the process ends; RunError unless it ended well."""
-        running = True
-        while running:
-            running = self._process.poll() is None
-            for _ in self.lines():
-                pass
-            yield self.status
-            if running:
-                time.sleep(_POLL)
-        while any(True for _ in self.lines()):
-            pass
+        """Yield the status at each row of the thermo table, and a few times a second, until the process ends.
+
+        RunError unless it ended well, and where it breaks a limit.
+        """
+        watch = _Watch(self)
+        while self._process.poll() is None:
+            yield from self._rows()
+            watch.look()
+            time.sleep(_POLL)
+        while self._read < min(self._output.stat().st_size, self.limits.output_bytes):
+            yield from self._rows()
         self._check()
 
+    def _rows(self) -> Iterator[Status]:
+        """Take in what has been printed since the last call, though not more than a block."""
+        with self._output.open("rb") as output:
+            output.seek(self._read)
+            data = output.read(_BLOCK)
+        self._read += len(data)
+        *lines, self._tail = (self._tail + data.decode(errors="replace")).split("\n")
+        for line in lines:
+            if self.status.read(line):
+                yield self.status
+        yield self.status
+
     def stop(self) -> None:
-        """End the whole process group, politely first."""
+        """End everything that was started, politely first."""
         for stop_signal, patience in ((signal.SIGTERM, 3.0), (signal.SIGKILL, 10.0)):
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._process.pid, stop_signal)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(patience)
-                if stop_signal is signal.SIGTERM and not _group_alive(self._process.pid):
+            for process in self.members():
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(process, stop_signal)
+            end = time.monotonic() + patience
+            while time.monotonic() < end:
+                self._process.poll()
+                if not self.members():
                     return
+                time.sleep(_POLL / 10)
+
+    def members(self) -> list[int]:
+        """Processes of this run, ranks of mpirun (which have groups of their own) included; the dead left out."""
+        found = []
+        for path in Path("/proc").glob("[0-9]*/stat"):
+            with contextlib.suppress(OSError):
+                state, _, _, session = path.read_text().rpartition(")")[2].split()[:4]
+                if int(session) == self._process.pid and state not in "ZX":
+                    found.append(int(path.parent.name))
+        return found
+
+    def fail(self, how: str, reason: str) -> RunError:
+        """The error that tells how the run ended, why, by which command, and its last lines."""
+        last = "\n  ".join(self._last_lines()[-5:])
+        return RunError(
+            f"LIGGGHTS {how} at step {self.status.step}: {reason}\n"
+            f"command: {shlex.join(self.command)}\noutput: {self._output}\n  {last}"
+        )
+
+    def _last_lines(self) -> list[str]:
+        with self._output.open("rb") as output:
+            output.seek(max(0, self._output.stat().st_size - 20_000))
+            return output.read().decode(errors="replace").splitlines()
 
     def _check(self) -> None:
         code = self._process.returncode
         if code == 0 and self.status.done:
             return
-        log = self._output.read_bytes()[-20_000:].decode(errors="replace").splitlines()
+        log = self._last_lines()
         own = [line.strip() for line in log if "ERROR" in line]
         how = f"was killed by signal {-code}" if code < 0 else f"ended with status {code}"
         if code == -signal.SIGXFSZ or any("File size limit" in line for line in log):
-            own = [f"a file outgrew its cap of {self.file_cap / 1e9:.3g} GB"]
-        reason = own[-1] if own else self.status.message or "it did not reach the end of its deck"
-        last = "\n  ".join(log[-5:])
-        raise RunError(
-            f"LIGGGHTS {how} at step {self.status.step}: {reason}\n"
-            f"command: {shlex.join(self.command)}\noutput: {self._output}\n  {last}"
-        )
+            own = [f"a file outgrew its cap of {self.limits.file_bytes / 1e9:.3g} GB"]
+        raise self.fail(how, own[-1] if own else self.status.message or "it did not reach the end of its deck")
 
 
-class _Limits:
+class _Watch:
+    """Looks at a running process now and then: how much it prints, how long it is silent, what memory it takes."""
+
+    def __init__(self, run: Liggghts) -> None:
+        self.run, self.limits = run, run.limits
+        self.step, self.quiet, self.longest = -1, 0.0, 0.0
+        self.looked = self.measured = time.monotonic()
+
+    def look(self) -> None:
+        """RunError if a limit is broken."""
+        now = time.monotonic()
+        # what granpipe itself does in between, or its sleep, is no silence of LIGGGHTS
+        self.quiet += min(now - self.looked, 5 * _POLL)
+        self.looked = now
+        self._progress()
+        printed = (self.run.folder / "output.txt").stat().st_size
+        if printed > self.limits.output_bytes:
+            raise self.run.fail("was stopped", f"it printed {printed / 1e6:.0f} MB: it repeats itself without end")
+        if now > self.measured + _MEMORY_EVERY:
+            self.measured = now
+            self._memory()
+
+    def _progress(self) -> None:
+        if self.run.status.step != self.step:
+            self.longest = max(self.longest, self.quiet)
+            self.step, self.quiet = self.run.status.step, 0.0
+        allowed = max(self.limits.silence, _SLOWER * self.longest)
+        if self.quiet > allowed:
+            raise self.run.fail(
+                "was stopped",
+                f"no new step for {self.quiet:.0f} s, {allowed:.0f} s allowed: it hangs; run again, it resumes "
+                "(if it hangs again, try dem.ranks: 1)",
+            )
+
+    def _memory(self) -> None:
+        taken = sum(map(_resident, self.run.members()))
+        if taken > self.limits.memory_bytes:
+            raise self.run.fail(
+                "was stopped",
+                f"it takes {taken / 1e6:.0f} MB of memory, {self.limits.memory_bytes / 1e6:.0f} MB are more than a run "
+                "of this size needs: particles pile up, or the neighbour lists overflow (dem.time_step, contact)",
+            )
+
+
+def _resident(process: int) -> int:
+    """Memory that a process holds [bytes]; 0 where it has ended."""
+    with contextlib.suppress(OSError):
+        return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * _PAGE
+    return 0
+
+
+class _InChild:
     """Runs in the child before LIGGGHTS does: dies with its parent, caps its files, writes no core."""
 
     def __init__(self, file_cap: int, parent: int) -> None:
@@ -219,11 +347,3 @@ def _command(deck: str, ranks: int, variables: Mapping[str, int]) -> list[str]:
     # the planner never asks for more ranks than cores; mpirun counts whole cores and would refuse hardware threads
     placement = ["--map-by", ":OVERSUBSCRIBE", "--bind-to", "none", "--mca", "mpi_yield_when_idle", "0"]
     return [_binary("mpirun"), "-np", str(ranks), *placement, *program]
-
-
-def _group_alive(group: int) -> bool:
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return False
-    return True

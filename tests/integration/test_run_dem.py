@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from granpipe.case import CaseFile, read_case
-from granpipe.dem.run import Liggghts
+from granpipe.dem.run import Liggghts, Limits
 from granpipe.errors import RunError
 from granpipe.field import Field, level_flow
 from granpipe.homogenize.average import Sums, merge
@@ -206,7 +206,7 @@ def test_output_without_end_is_cut_off(tmp_path: Path) -> None:
     """The cap must leave room for the MPI library's own shared files of some megabytes."""
     (tmp_path / "loop.in").write_text('label a\nprint "xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx"\njump SELF a\n')
     with (
-        Liggghts("loop.in", tmp_path, 1, {}, file_cap=64_000_000) as process,
+        Liggghts("loop.in", tmp_path, 1, {}, Limits(file_bytes=64_000_000)) as process,
         pytest.raises(RunError, match="outgrew its cap"),
     ):
         list(process.wait())
