@@ -235,8 +235,9 @@ def homogenize(
         stop=seconds(stop, float("inf"), "--stop"),
         **({} if columns is None else {"columns": tuple(columns.split(","))}),
     )
-    write_field(homogenize_files(request, outline_case), outline_case, out)
-    click.echo(f"field in {out}")
+    made = homogenize_files(request, outline_case)
+    write_field(made.field, outline_case, out)
+    click.echo(f"field in {out}; sampled by {made.sampling}")
 
 
 def _quantity(read: Any, text: str, dimension: Any, option: str) -> float:

@@ -1,12 +1,13 @@
-"""Averaging dumps that exist already: between the times asked for, with and without a case."""
+"""Averaging dumps that exist already: how the flow is sampled, the times asked for, with and without a case."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from fakes.analytic_flow import ConvergingFlow, write_dumps
+from fakes.analytic_flow import COLUMNS, ConvergingFlow, binary_snapshot, snapshots, table, text_snapshot, write_dumps
 
 from granpipe.case import Case, Outline, Section, load_case
 from granpipe.errors import DataError
@@ -38,17 +39,17 @@ def vessel(method: str) -> Case:
 
 
 def test_without_a_case_the_plain_average_of_the_chosen_times_is_given(dumps: tuple[Path, ...]) -> None:
-    field = homogenize_files(request(dumps), None)
+    field = homogenize_files(request(dumps), None).field
     inside = np.abs(level_flow(field.flux_z, field.grid)[10:40])
     np.testing.assert_allclose(inside, FLOW.solids_flow, rtol=0.25)
     assert field.psi is None
-    late = homogenize_files(request(dumps, start=1.0), None)
+    late = homogenize_files(request(dumps, start=1.0), None).field
     assert not np.array_equal(late.flux_z, field.flux_z)
 
 
 @pytest.mark.parametrize("method", ["paper", "psi"])
 def test_with_a_case_the_field_conserves_by_its_method(dumps: tuple[Path, ...], method: str) -> None:
-    field = homogenize_files(request(dumps), vessel(method))
+    field = homogenize_files(request(dumps), vessel(method)).field
     flow = level_flow(field.flux_z, field.grid)
     np.testing.assert_allclose(flow, flow[0], rtol=1e-10)
     assert field.bulk_packing == pytest.approx(FLOW.packing, rel=0.1)
@@ -58,3 +59,58 @@ def test_with_a_case_the_field_conserves_by_its_method(dumps: tuple[Path, ...], 
 def test_times_without_a_snapshot_are_named(dumps: tuple[Path, ...]) -> None:
     with pytest.raises(DataError, match=r"run from 0 to 1\.4 s; none lies between --start 20 s"):
         homogenize_files(request(dumps, start=20.0), None)
+
+
+BOX = np.array([[-0.6, 0.6], [-0.6, 0.6], [-1.0, 10.0]])
+
+
+def written(folder: Path, columns: tuple[str, ...] = COLUMNS, shift: float = 0.0, count: int = 4) -> tuple[Path, ...]:
+    """Text snapshots of the flow, 0.2 s apart, with some of the columns; `shift` is added to the first id, and to its
+    x in the second snapshot."""
+    paths = []
+    for index, particles in enumerate(snapshots(FLOW, RADII, 0.2, count, 1)):
+        values = table(*particles)
+        values[0, 2] += shift * (index == 1)
+        paths.append(folder / f"{index * 1000}.txt")
+        chosen = [COLUMNS.index(name) for name in columns]
+        paths[-1].write_bytes(text_snapshot(index * 1000, BOX, values[:, chosen], columns))
+    return tuple(paths)
+
+
+def text_request(dumps: tuple[Path, ...]) -> Request:
+    return Request(dumps=dumps, cell=0.02, time_step=2e-4, columns=None)
+
+
+def test_particles_that_can_be_followed_are_sampled_by_their_way(dumps: tuple[Path, ...], tmp_path: Path) -> None:
+    assert homogenize_files(request(dumps), None).sampling.startswith("displacement")
+    without_velocities = written(tmp_path, tuple(name for name in COLUMNS if name[0] != "v"))
+    made = homogenize_files(text_request(without_velocities), None)
+    flow = level_flow(made.field.flux_z, made.field.grid)[10:40]
+    np.testing.assert_allclose(flow, FLOW.solids_flow, rtol=0.25)
+
+
+def test_a_velocity_that_is_wrong_between_snapshots_does_no_harm(tmp_path: Path) -> None:
+    """Stick and slip: at rest in every snapshot, moving in between."""
+    paths = []
+    for index, (number, position, velocity, radius) in enumerate(snapshots(FLOW, RADII, 0.2, 8, 1)):
+        paths.append(tmp_path / f"{index}.bin")
+        paths[-1].write_bytes(binary_snapshot(1000 * index, BOX, table(number, position, 0 * velocity, radius)))
+    flow = level_flow((field := homogenize_files(request(tuple(paths)), None).field).flux_z, field.grid)
+    np.testing.assert_allclose(flow[10:40], FLOW.solids_flow, rtol=0.25)
+
+
+def test_velocities_serve_where_particles_cannot_be_followed(dumps: tuple[Path, ...], tmp_path: Path) -> None:
+    for name in ("none", "twice", "round"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "twice" / "0.txt").write_bytes(
+        text_snapshot(0, BOX, table(np.ones(2), np.full((2, 3), 0.1), np.zeros((2, 3)), np.full(2, 0.02)))
+    )
+    reasons = {
+        "there is only one": request(dumps[:1]),
+        "no ids": text_request(written(tmp_path / "none", COLUMNS[1:])),
+        "ids occur twice": text_request((tmp_path / "twice" / "0.txt",)),
+        "diameters .* dump more often": request(dumps[::2]),
+        "leave on one side of the box": text_request(written(tmp_path / "round", shift=0.7)),
+    }
+    for reason, asked in reasons.items():
+        assert re.search(f"^velocities .*{reason}", homogenize_files(asked, None).sampling), reason
