@@ -12,8 +12,8 @@ A run is a chain of segments of fixed plate travel. A `Collector` takes the snap
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -21,12 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granpipe.errors import DataError
-from granpipe.field import Array, Grid
+from granpipe.field import Array, Grid, Mask
 from granpipe.homogenize.deposit import Deposit, deposit, deposit_paths, empty_deposit
 
 Sampling = Literal["velocity", "displacement"]
 
 FORMAT_VERSION = 1
+_EXTRA = "extra_"  # begins the names of extra sums in a file
 
 
 class Particles(Protocol):
@@ -43,6 +44,29 @@ class Particles(Protocol):
 
     @property
     def radius(self) -> Array: ...
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What an `Extra` is shown: a snapshot, or particles half-way between two.
+
+    Parameters
+    ----------
+    position, velocity, radius : (n, 3), (n, 3), (n,) [m, m/s]
+    deposit : gives the deposit of some of the particles, as it goes into the sums
+    """
+
+    position: Array
+    velocity: Array
+    radius: Array
+    deposit: Callable[[Mask | slice], Deposit]
+
+
+class Extra(Protocol):
+    """Something more to be summed, only where it is asked for."""
+
+    def sample(self, sample: Sample) -> Mapping[str, Array]:
+        """Values of one sample by name; always the same names and shapes."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +90,8 @@ class Sums:
     count : (n,) number of these particles
     moments : (6, nz) Σ weight × V × (w, w cos θ, w sin θ, w cos 2θ, w sin 2θ, v_θ) of the particles with centres in
         each row, V their volume and θ their angle about the axis [m⁴/s · weight]; None in sums without
+    run : which of several independent runs the segment is of
+    extra : more sums by name, Σ weight × value, as `Extra` gives them
     """
 
     grid: Grid
@@ -84,6 +110,8 @@ class Sums:
     kinetic: Array
     count: Array
     moments: Array | None = None
+    run: int = 0
+    extra: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def mean_volume(self) -> Array:
@@ -104,7 +132,10 @@ class Sums:
 
     def save(self, path: Path) -> None:
         """Write as ``.npz``."""
-        stored: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "grid"}
+        stored: dict[str, Any] = {
+            f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("grid", "extra")
+        }
+        stored |= {_EXTRA + name: value for name, value in self.extra.items()}
         stored = {name: value for name, value in stored.items() if value is not None}
         stored |= {"format_version": FORMAT_VERSION, "r_edges": self.grid.r_edges, "z_edges": self.grid.z_edges}
         with path.open("wb") as file:
@@ -119,17 +150,18 @@ class Sums:
             if int(stored.pop("format_version")) != FORMAT_VERSION:
                 raise DataError(f"{path}: segment sums of another version of granpipe; run again")
             grid = Grid(stored.pop("r_edges"), stored.pop("z_edges"))
+            extra = {name.removeprefix(_EXTRA): stored.pop(name) for name in list(stored) if name.startswith(_EXTRA)}
             values = {name: value.item() if value.ndim == 0 else value for name, value in stored.items()}
-            return cls(grid=grid, **values)
+            return cls(grid=grid, extra=extra, **values)
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
             raise DataError(f"{path}: not segment sums that granpipe wrote ({error})") from error
 
 
 def merge(parts: Sequence[Sums]) -> Sums:
-    """One `Sums` of several segments (or of replicas), in the order of time; refuses different grids or sampling."""
+    """One `Sums` of several segments (or of runs), in the order of run and time; refuses other grids or sampling."""
     if not parts:
         raise DataError("no segments to average: none was sampled, or all lie before the start of the average")
-    ordered = sorted(parts, key=lambda part: part.start)
+    ordered = sorted(parts, key=lambda part: (part.run, part.start))
     first = ordered[0]
     for part in ordered[1:]:
         if part.sampling != first.sampling:
@@ -145,8 +177,22 @@ def merge(parts: Sequence[Sums]) -> Sums:
     values = {name: sum(getattr(part, name) for part in ordered) for name in added}
     values |= {name: np.concatenate([getattr(part, name) for part in ordered]) for name in joined}
     return Sums(
-        grid=first.grid, sampling=first.sampling, start=first.start, stop=max(p.stop for p in ordered), **values
+        grid=first.grid,
+        sampling=first.sampling,
+        start=first.start,
+        stop=max(p.stop for p in ordered),
+        run=first.run,
+        extra=_added_extras(ordered),
+        **values,
     )
+
+
+def _added_extras(parts: Sequence[Sums]) -> dict[str, Array]:
+    """The extra sums of all parts together; refused where not all have the same ones."""
+    names = set(parts[0].extra)
+    if any(set(part.extra) != names for part in parts):
+        raise DataError("segments with different extra sums do not merge")
+    return {name: np.sum([part.extra[name] for part in parts], axis=0) for name in parts[0].extra}
 
 
 def _same_grid(one: Grid, other: Grid) -> bool:
@@ -170,12 +216,19 @@ class Collector:
     points : Gauss points over a cell's height
     path_density : points along the paths between two snapshots, in parts of the usual number, for ``displacement``
     threads : cores to use
+    extras : what to sum beside volume and flow
     """
 
     def __init__(
-        self, grid: Grid, sampling: Sampling = "velocity", points: int = 3, path_density: float = 1.0, threads: int = 1
+        self,
+        grid: Grid,
+        sampling: Sampling = "velocity",
+        points: int = 3,
+        path_density: float = 1.0,
+        threads: int = 1,
+        extras: Sequence[Extra] = (),
     ) -> None:
-        self.grid, self.sampling = grid, sampling
+        self.grid, self.sampling, self.extras = grid, sampling, extras
         self.points, self.path_density, self.threads = points, path_density, threads
         self._last: tuple[float, Particles] | None = None
         self._last_volume: Array | None = None
@@ -187,6 +240,7 @@ class Collector:
         self._first_volume = self._last_volume
         self._sum = empty_deposit(self.grid)
         self._moments = np.zeros((6, self.grid.shape[0]))
+        self._extra: dict[str, Array] = {}
         self._weight = 0.0
         self._series: list[tuple[float, Array, float, float, int]] = []
 
@@ -196,40 +250,67 @@ class Collector:
             raise DataError(f"a snapshot at {time:g} s comes after one at {self._last[0]:g} s")
         volume = None
         if self.sampling == "velocity":
-            position, velocity, radius = particles.position, particles.velocity, particles.radius
-            sample = deposit(position, radius, velocity, self.grid, self.points, self.threads)
-            self._take(time, 1.0, sample, position, radius, velocity)
-            volume = sample.volume
+            volume = self._take(time, 1.0, self._at(particles)).volume
         elif self._last is not None:
-            self._add_pair(self._last[0], self._last[1], time, particles)
+            sample = self._between(self._last, (time, particles))
+            self._take(0.5 * (self._last[0] + time), time - self._last[0], sample)
         self._last, self._last_volume = (time, particles), volume
         if self._first is None:
             self._first, self._first_volume = self._last, self._last_volume
 
-    def _add_pair(self, before: float, old: Particles, now: float, new: Particles) -> None:
-        _, at_old, at_new = np.intersect1d(old.id, new.id, return_indices=True)
-        start, radius = old.position[at_old], new.radius[at_new]
-        path = new.position[at_new] - start
-        sample = deposit_paths(
-            start, path, radius, now - before, self.grid, self.points, self.path_density, self.threads
-        )
-        velocity = path / (now - before)
-        self._take(0.5 * (before + now), now - before, sample, start + 0.5 * path, radius, velocity)
+    def observe(self, values: Mapping[str, Array]) -> None:
+        """Add values that were not seen on the particles to the extra sums of the segment, without a weight."""
+        for name, value in values.items():
+            self._extra[name] = self._extra.get(name, 0.0) + value
 
-    def _take(
-        self, time: float, weight: float, sample: Deposit, position: Array, radius: Array, velocity: Array
-    ) -> None:
+    def _at(self, particles: Particles) -> Sample:
+        position, velocity, radius = particles.position, particles.velocity, particles.radius
+        return Sample(
+            position,
+            velocity,
+            radius,
+            lambda those: deposit(
+                position[those], radius[those], velocity[those], self.grid, self.points, self.threads
+            ),
+        )
+
+    def _between(self, before: tuple[float, Particles], after: tuple[float, Particles]) -> Sample:
+        (then, old), (now, new) = before, after
+        _, at_old, at_new = np.intersect1d(old.id, new.id, return_indices=True)
+        start, radius, duration = old.position[at_old], new.radius[at_new], now - then
+        path = new.position[at_new] - start
+        return Sample(
+            start + 0.5 * path,
+            path / duration,
+            radius,
+            lambda those: deposit_paths(
+                start[those],
+                path[those],
+                radius[those],
+                duration,
+                self.grid,
+                self.points,
+                self.path_density,
+                self.threads,
+            ),
+        )
+
+    def _take(self, time: float, weight: float, sample: Sample) -> Deposit:
         """Add one sample to the sums and to the series."""
-        for total, part in zip(self._sum, sample, strict=True):
+        deposited = sample.deposit(slice(None))
+        for total, part in zip(self._sum, deposited, strict=True):
             total += weight * part
+        for extra in self.extras:
+            self.observe({name: weight * value for name, value in extra.sample(sample).items()})
         self._weight += weight
-        z_edges = self.grid.z_edges
-        within = (position[:, 2] >= z_edges[0]) & (position[:, 2] < z_edges[-1])
-        position, velocity, volume = position[within], velocity[within], 4 / 3 * np.pi * radius[within] ** 3
+        z_edges, place = self.grid.z_edges, sample.position
+        within = (place[:, 2] >= z_edges[0]) & (place[:, 2] < z_edges[-1])
+        position, velocity, volume = place[within], sample.velocity[within], 4 / 3 * np.pi * sample.radius[within] ** 3
         self._moments += weight * _row_moments(position, velocity, volume, self.grid)
         energy = 0.5 * volume @ (velocity**2).sum(axis=1)
-        flow = -sample.flow_z.sum(axis=1)
-        self._series.append((time, flow, float(sample.volume.sum()), float(energy), len(volume)))
+        flow = -deposited.flow_z.sum(axis=1)
+        self._series.append((time, flow, float(deposited.volume.sum()), float(energy), len(volume)))
+        return deposited
 
     def take(self) -> Sums:
         """The sums of the segment so far; the next snapshot begins the next segment."""
@@ -259,6 +340,7 @@ class Collector:
             kinetic=kinetic,
             count=count,
             moments=self._moments,
+            extra=self._extra,
         )
         self._last_volume = stop_volume
         self._begin()

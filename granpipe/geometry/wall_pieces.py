@@ -1,0 +1,100 @@
+"""The surfaces that solids touch, cut into short pieces in the (r, z) plane: places for what is measured at walls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granpipe.field import Array
+from granpipe.geometry.outline import Outline
+from granpipe.geometry.segments import chain, nearest_points
+
+Index = NDArray[np.int64]
+
+_AT_ONCE = 1 << 18  # pairs of a point and an edge
+
+
+@dataclass(frozen=True)
+class WallPieces:
+    """Equal pieces of the edges of the outer wall, from the top down, and of the obstacles; solid lies to their left.
+
+    Parameters
+    ----------
+    names : of the surfaces: ``wall``, then the obstacles
+    surface : (edges,) which of the names each edge is of
+    edges : (edges, 2, 2) [edge, end, (r, z)] [m]
+    counts : (edges,) number of pieces of each edge
+    """
+
+    names: tuple[str, ...]
+    surface: Index
+    edges: Array
+    counts: Index
+
+    @classmethod
+    def of(cls, outline: Outline, length: float) -> WallPieces:
+        """Pieces no longer than `length` [m]."""
+        surfaces = [chain(outline.wall), *(chain(polygon, closed=True) for polygon in outline.obstacles.values())]
+        edges = np.concatenate(surfaces)
+        reach = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
+        return cls(
+            names=("wall", *outline.obstacles),
+            surface=np.repeat(np.arange(len(surfaces)), [len(one) for one in surfaces]),
+            edges=edges,
+            counts=np.maximum(1, np.ceil(reach / length - 1e-9)).astype(np.int64),
+        )
+
+    def __len__(self) -> int:
+        return int(self.counts.sum())
+
+    @property
+    def labels(self) -> NDArray[np.str_]:
+        """(m,) name of the surface that each piece is of."""
+        return np.repeat(np.array(self.names)[self.surface], self.counts)
+
+    @property
+    def ends(self) -> Array:
+        """(m, 2, 2) [piece, end, (r, z)] [m]."""
+        return np.concatenate(
+            [
+                chain(start + np.linspace(0, 1, count + 1)[:, None] * (end - start))
+                for (start, end), count in zip(self.edges, self.counts, strict=True)
+            ]
+        )
+
+    @property
+    def tangent(self) -> Array:
+        """(m, 2) unit vectors (r, z) along the pieces: downwards on the outer wall."""
+        along = self.edges[:, 1] - self.edges[:, 0]
+        return np.repeat(along / np.linalg.norm(along, axis=1, keepdims=True), self.counts, axis=0)
+
+    @property
+    def normal(self) -> Array:
+        """(m, 2) unit normals (r, z) that point into the solid."""
+        along = self.tangent
+        return np.column_stack([-along[:, 1], along[:, 0]])
+
+    @property
+    def area(self) -> Array:
+        """(m,) area of the surface that each piece sweeps about the axis [m²]."""
+        ends = self.ends
+        return np.asarray(pi * ends[:, :, 0].sum(axis=1) * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+
+    def nearest(self, points: Array) -> tuple[Index, Array]:
+        """Nearest piece (n,) of each point (n, 2) and the distance to it (n,) [m]."""
+        lots = np.array_split(points, len(points) * len(self.edges) // _AT_ONCE + 1)
+        piece, distance = zip(*(self._nearest(lot) for lot in lots), strict=True)
+        return np.concatenate(piece), np.concatenate(distance)
+
+    def _nearest(self, points: Array) -> tuple[Index, Array]:
+        distance, foot = nearest_points(points, self.edges)
+        edge = distance.argmin(axis=1)
+        each = np.arange(len(points))
+        start, end = self.edges[edge, 0], self.edges[edge, 1]
+        part = np.linalg.norm(foot[each, edge] - start, axis=1) / np.linalg.norm(end - start, axis=1)
+        number = np.minimum((part * self.counts[edge]).astype(np.int64), self.counts[edge] - 1)
+        first = np.cumsum(self.counts) - self.counts
+        return first[edge] + number, distance[each, edge]

@@ -1,0 +1,165 @@
+"""What a case may ask for beside packing and flow: extra sums over the samples, and the arrays that they make.
+
+What nobody asks for costs nothing and is in no file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granpipe.field import Array
+from granpipe.homogenize.assemble import packing_fraction
+from granpipe.homogenize.average import Sample, Sums, merge
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
+
+Arrays = dict[str, NDArray[Any]]
+
+
+class Surface(Protocol):
+    """Pieces of walls in the (r, z) plane."""
+
+    def __len__(self) -> int: ...
+
+    def nearest(self, points: Array) -> tuple[NDArray[np.int64], Array]:
+        """Nearest piece (n,) of each point (n, 2) and the distance to it (n,) [m]."""
+
+    @property
+    def labels(self) -> NDArray[np.str_]:
+        """(m,) name of the surface that each piece is of."""
+
+    @property
+    def ends(self) -> Array:
+        """(m, 2, 2) [piece, end, (r, z)] [m]."""
+
+    @property
+    def tangent(self) -> Array:
+        """(m, 2) unit vectors (r, z) along the pieces."""
+
+    @property
+    def normal(self) -> Array:
+        """(m, 2) unit normals (r, z) into the solid."""
+
+    @property
+    def area(self) -> Array:
+        """(m,) area that each piece sweeps about the axis [m²]."""
+
+
+class SizeClasses:
+    """Sums the solids of each size class: ``class_volume`` (classes, nz, nr).
+
+    Parameters
+    ----------
+    radii : (classes,) [m]; a particle belongs to the nearest
+    """
+
+    def __init__(self, radii: Array) -> None:
+        self.radii = radii
+
+    def sample(self, sample: Sample) -> Mapping[str, Array]:
+        """Deposit every class by itself; together they are the whole deposit."""
+        member = np.abs(sample.radius[:, None] - self.radii).argmin(axis=1)
+        return {"class_volume": np.array([sample.deposit(member == k).volume for k in range(len(self.radii))])}
+
+
+class WallSlip:
+    """Sums the particles that touch a wall, piece by piece, by their cross-section a = π r².
+
+    ``wall_shadow`` (m,) Σ a and ``wall_slide`` (m,) Σ a v_t, v_t their velocity along the wall.
+
+    Parameters
+    ----------
+    surface : the pieces
+    reach : particles touch whose surface is nearer than this [m]: the facets of a wall lie so far from the true one
+    """
+
+    def __init__(self, surface: Surface, reach: float) -> None:
+        self.surface, self.reach = surface, reach
+
+    def sample(self, sample: Sample) -> Mapping[str, Array]:
+        """Of all particles, at their places."""
+        x, y, z = sample.position.T
+        r = np.hypot(x, y)
+        piece, distance = self.surface.nearest(np.column_stack([r, z]))
+        touching = distance < sample.radius + self.reach
+        outward = (sample.velocity[:, 0] * x + sample.velocity[:, 1] * y) / np.maximum(r, 1e-30)
+        along = (np.column_stack([outward, sample.velocity[:, 2]]) * self.surface.tangent[piece]).sum(axis=1)
+        at, shadow = piece[touching], np.pi * sample.radius[touching] ** 2
+        count = len(self.surface)
+        return {
+            "wall_shadow": _per_piece(at, shadow, count),
+            "wall_slide": _per_piece(at, shadow * along[touching], count),
+        }
+
+
+def wall_forces(surface: Surface, point: Array, force: Array) -> dict[str, Array]:
+    """Contacts with walls in one snapshot as values for `Collector.observe`.
+
+    ``wall_force`` (m,) is the force that presses on each piece [N], ``wall_looks`` (1,) counts the snapshots.
+
+    Parameters
+    ----------
+    point : (n, 3) contact points [m]
+    force : (n, 3) forces on the particles [N]
+    """
+    r = np.hypot(point[:, 0], point[:, 1])
+    piece, _ = surface.nearest(np.column_stack([r, point[:, 2]]))
+    outward = (force[:, 0] * point[:, 0] + force[:, 1] * point[:, 1]) / np.maximum(r, 1e-30)
+    pressing = -(np.column_stack([outward, force[:, 2]]) * surface.normal[piece]).sum(axis=1)
+    return {"wall_force": _per_piece(piece, pressing, len(surface)), "wall_looks": np.ones(1)}
+
+
+def _per_piece(piece: NDArray[np.int64], value: Array, count: int) -> Array:
+    return np.bincount(piece, value, count).astype(float)
+
+
+def size_class_arrays(parts: Sequence[Sums], radii: Array, inside_fraction: Array) -> Arrays:
+    """Packing of every class and Sauter diameter, Σ V / Σ (V/d), in every cell; 0 where nothing ever is."""
+    sums = merge(parts)
+    volume, diameter = sums.extra["class_volume"] / sums.weight, 2 * radii
+    per_diameter = np.tensordot(1 / diameter, volume, axes=1)
+    total = volume.sum(axis=0)
+    sauter = np.divide(total, per_diameter, out=np.zeros_like(total), where=per_diameter > 0)
+    room = packing_fraction(total, inside_fraction, sums.grid)
+    share = np.divide(volume, total, out=np.zeros_like(volume), where=total > 0)
+    return {"class_diameter": diameter, "class_packing": share * room, "sauter_diameter": sauter}
+
+
+def wall_slip_arrays(parts: Sequence[Sums], surface: Surface) -> Arrays:
+    """Mean velocity along each piece of the particles that touch it, and the part of it that lies behind them."""
+
+    def contact(sums: Sums) -> Array:
+        return sums.extra["wall_shadow"] / (sums.weight * surface.area)
+
+    def slip(sums: Sums) -> Array:
+        return _ratio(sums.extra["wall_slide"], sums.extra["wall_shadow"])
+
+    return _places(surface) | _measured("wall_contact", parts, contact) | _measured("wall_slip", parts, slip)
+
+
+def wall_pressure_arrays(parts: Sequence[Sums], surface: Surface) -> Arrays:
+    """Mean pressure on each piece [Pa]."""
+
+    def pressure(sums: Sums) -> Array:
+        return sums.extra["wall_force"] / (sums.extra["wall_looks"] * surface.area)
+
+    return _places(surface) | _measured("wall_pressure", parts, pressure)
+
+
+def _places(surface: Surface) -> Arrays:
+    return {"wall_surface": surface.labels, "wall_ends": surface.ends}
+
+
+def _measured(name: str, parts: Sequence[Sums], measure: Callable[[Sums], Array]) -> Arrays:
+    """A mean over all parts, and its standard error from blocks of them where there are enough."""
+    found: Arrays = {name: measure(merge(parts))}
+    if len(parts) >= LEAST_BLOCKS:
+        found[f"{name}_se"] = standard_error(np.array([measure(block) for block in blocks(parts)]))
+    return found
+
+
+def _ratio(top: Array, bottom: Array) -> Array:
+    return np.divide(top, bottom, out=np.zeros_like(top), where=bottom > 0)
