@@ -75,7 +75,7 @@ def processor_grid(ranks: int) -> tuple[int, int, int]:
 
 @dataclass
 class Status:
-    """What the output has told so far."""
+    """What the output has told so far; insertions and discharge count from the start of this process."""
 
     step: int = 0
     particles: int = 0
@@ -86,6 +86,7 @@ class Status:
     segment: int = 0
     done: bool = False
     message: str = ""
+    _deleted_before: int | None = None
 
     def read(self, line: str) -> bool:
         """Take in one line of LIGGGHTS' output; True for a row of the thermo table.
@@ -116,8 +117,14 @@ class Status:
             return False
         self.step, self.particles, self.kinetic_energy = int(words[0]), int(words[1]), energy
         if discharge and math.isfinite(discharge[1]):
-            self.discharged = int(discharge[1])
+            self._count_discharge(int(discharge[1]))
         return True
+
+    def _count_discharge(self, deleted: int) -> None:
+        """LIGGGHTS counts on from where the restart file stops; the first row comes before the first step."""
+        if self._deleted_before is None:
+            self._deleted_before = deleted
+        self.discharged = deleted - self._deleted_before
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granpipe.case import Lognormal, Normal, Size
+from granpipe.errors import CaseError
 from granpipe.field import Array
 
 _QUADRATURE = 400  # midpoints per class; the densities are smooth, so class volumes are right to 1e-5
@@ -99,4 +100,10 @@ def _classes(edges: Array, shares: Array | None, density: Callable[[Array], Arra
     number = weight / r**3 if by == "mass" else weight
     count, cube = number.sum(axis=1), (number * r**3).sum(axis=1)
     filled = count > 0
+    if not filled.any():
+        raise CaseError(
+            "the distribution is far narrower than its limits and falls between the classes; narrow the limits, or give "
+            "one size",
+            ("material", "size"),
+        )
     return SizeClasses(np.cbrt(cube[filled] / count[filled]), count[filled] / count.sum())

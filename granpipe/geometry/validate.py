@@ -34,7 +34,7 @@ def check_wall(wall: Array, tolerance: float) -> None:
     """CaseError unless the wall (n, 2) runs from top to bottom beside the axis without a fault."""
     _check_points(wall, WALL_KEY, least=2)
     for i, (r, z) in enumerate(wall):
-        if r == 0:
+        if r <= tolerance:
             raise CaseError(
                 f"the wall meets the axis at z = {z:g} m and closes the vessel; give it a radius above 0 there "
                 "(the axis itself is not part of the wall)",
