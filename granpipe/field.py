@@ -6,18 +6,23 @@ the cells (staggered), so that the balance of every cell is a plain sum of its f
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granpipe.errors import DataError
+from granpipe.errors import CaseError, DataError
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 FORMAT_VERSION = 1
+
+MOST_CELLS = 2e6
+"""Far more than a case needs (the article's own particles ask for 25 000): a wrong unit must not fill the memory."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,12 @@ class Grid:
     @classmethod
     def covering(cls, r_max: float, z_min: float, z_max: float, cell: float) -> Grid:
         """Grid whose rows fill [z_min, z_max] exactly, with cells as near to `cell` [m] as that allows."""
+        if not (z_max - z_min) * max(r_max, cell) < MOST_CELLS * cell**2:
+            raise CaseError(
+                f"cells of {cell:.3g} m in a vessel of {r_max:.3g} m × {z_max - z_min:.3g} m are more than "
+                f"{MOST_CELLS:.0e}; choose a larger cell, or larger particles, by which it goes unless it is given",
+                ("homogenize", "cell"),
+            )
         rows = max(1, round((z_max - z_min) / cell))
         size = (z_max - z_min) / rows
         columns = max(1, int(np.ceil(r_max / size - 1e-9)))
@@ -98,6 +109,7 @@ class Field:
     raw_flux_r, raw_flux_z : the plain average, before any adjustment [m/s]
     *_se : standard error of the like-named array [m/s]
     psi : (nz+1, nr+1) Stokes stream function of the final field [m³/s per radian], −φ_ref Φ/2π on the outer wall
+    extra : what the case asks for beside, by name (`homogenize.fields`)
     """
 
     grid: Grid
@@ -116,6 +128,7 @@ class Field:
     raw_flux_r_se: Array | None = None
     raw_flux_z_se: Array | None = None
     psi: Array | None = None
+    extra: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @property
     def velocity_scale(self) -> float:
@@ -124,13 +137,14 @@ class Field:
 
     def save(self, path: Path) -> None:
         """Write ``field.npz``: every array and scalar that is known, under its name in this class."""
-        known = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "grid"}
+        known = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("grid", "extra")}
         np.savez_compressed(
             path,
             format_version=FORMAT_VERSION,
             r_edges=self.grid.r_edges,
             z_edges=self.grid.z_edges,
             **{name: value for name, value in known.items() if value is not None},
+            **self.extra,
         )
 
     @classmethod
@@ -143,8 +157,9 @@ class Field:
             if version != FORMAT_VERSION:
                 raise DataError(f"{path}: field format {version}; this granpipe reads {FORMAT_VERSION}: run again")
             grid = Grid(stored.pop("r_edges"), stored.pop("z_edges"))
+            extra = {name: stored.pop(name) for name in stored.keys() - {f.name for f in fields(cls)}}
             values = {name: float(value) if value.ndim == 0 else value for name, value in stored.items()}
-            return cls(grid=grid, **values)  # type: ignore[arg-type]
+            return cls(grid=grid, extra=extra, **values)  # type: ignore[arg-type]
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DataError(f"{path}: not a field.npz that granpipe wrote ({error})") from error
 
@@ -171,6 +186,18 @@ def flux_from_psi(psi: Array, grid: Grid) -> tuple[Array, Array]:
 def level_flow(flux_z: Array, grid: Grid) -> Array:
     """(nz+1,) flow through each horizontal level [m³/s], positive downwards."""
     return np.asarray(-(flux_z @ grid.ring_area))
+
+
+def cell_squares(flux_r: Array, flux_z: Array) -> Array:
+    """(nz, nr) square of a vector given on the faces, its components averaged to the middle of each cell."""
+    r, z = 0.5 * (flux_r[:, 1:] + flux_r[:, :-1]), 0.5 * (flux_z[1:] + flux_z[:-1])
+    return np.asarray(r**2 + z**2)
+
+
+def section_rows(grid: Grid, levels: Mapping[str, tuple[float, float]]) -> dict[str, Mask]:
+    """(nz,) masks of the rows of the whole and of each section, from upper and lower levels [m]."""
+    rows = {"whole": np.ones(grid.shape[0], dtype=bool)}
+    return rows | {name: (grid.z_centres < top) & (grid.z_centres > low) for name, (top, low) in levels.items()}
 
 
 def divergence(flux_r: Array, flux_z: Array, grid: Grid) -> Array:
