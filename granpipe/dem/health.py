@@ -1,0 +1,281 @@
+"""Is it still physics? What a running simulation must keep to, looked at while it runs.
+
+LIGGGHTS goes on happily without most of its particles, with speeds that no fall can give, or below an arch that lets
+nothing pass. Each check says what was seen, the limit, and which setting to change. The limits follow from the settings
+and the geometry of the run; they are wide enough for what beds do: starting with a jerk, falling into a void, being
+fed from above, flowing in bursts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granpipe.case import Case
+from granpipe.dem import contact
+from granpipe.dem.dump import Snapshot
+from granpipe.dem.overlap import measure_overlap
+from granpipe.dem.run import Status
+from granpipe.dem.settings import Settings
+from granpipe.errors import RunError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+_Column = tuple[int, NDArray[np.int64], Array, Array]  # step, and of each particle: number, height, volume
+
+MEAN_OVERLAP = 0.03
+"""Mean overlap of touching particles over their diameter, at most: the packing inflates by three times that."""
+
+P99_OVERLAP = 0.1
+"""99th percentile of that overlap, at most: Hertz's law holds for small deformations."""
+
+COLLISION_SHARE = 0.2
+"""Time step over the duration of the fastest collision, at most: five steps see it."""
+
+PEAK_ENERGY = 5.0
+"""Kinetic energy over what flow and falls can give, at most, at any time; 0.1 to 0.3 are usual."""
+
+PEAK_SPEED = 1.5
+"""Speed of the fastest particle over that of a free fall through everything, at most."""
+
+SLIP = 1e-3
+"""Part of a diameter that the whole bed may drop at once when it sticks and slips."""
+
+ARCH_TRAVEL = 5.0
+"""Plate travel [Sauter diameters] over which nothing may fail to pass an opening."""
+
+ARCH_FLOW = 0.05
+"""Flow over the imposed one below which an opening counts as blocked; bursts swing between 0.2 and 2.5."""
+
+DILATION = 0.1
+"""Plate travel over the height above it until the motion has surely arrived there; 0.04 was measured."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What the vessel is to the particles in it.
+
+    Parameters
+    ----------
+    inside : radii and heights of centres (n,) [m] → which of them the walls and obstacles allow
+    levels : name → height [m] of every opening that all must pass
+    flow : solids that the plate lets through, or free discharge [m³/s]
+    speed : of the plate, or of the free discharge through the outlet [m/s]
+    feed_speed : of new particles [m/s]
+    flow_energy : kinetic energy of a bed that flows at twice the mean speed everywhere [J/kg]
+    falls : greatest heights of free fall that the flow may take [m]
+    """
+
+    inside: Callable[[Array, Array], Mask]
+    levels: Mapping[str, float]
+    flow: float
+    speed: float
+    feed_speed: float
+    flow_energy: float
+    falls: tuple[float, ...]
+
+
+def check_balance(before: int, status: Status) -> None:
+    """RunError unless particles present before, inserted and discharged since make those present now."""
+    if before + status.inserted - status.discharged != status.particles:
+        raise RunError(
+            f"step {status.step}: the particle balance does not close: {before} present before + {status.inserted} "
+            f"inserted − {status.discharged} discharged ≠ {status.particles} present; particles were lost: a smaller "
+            "dem.time_step, or a larger contact.youngs_modulus, keeps them inside the walls"
+        )
+
+
+class FillingHealth:
+    """Health while a vessel is filled: particles fall, but not from higher than the feed."""
+
+    def __init__(self, settings: Settings, case: Case) -> None:
+        self.mass = case.material.density * settings.classes.mean_volume
+        self.limit = contact.GRAVITY * (settings.wall_top - settings.bottom)
+
+    def row(self, status: Status) -> None:
+        """Check a row of the thermo table."""
+        check_balance(0, status)
+        _check_energy(status, self.mass, self.limit, "a fall through the whole vessel")
+
+
+class FlowHealth:
+    """Health of a flowing bed.
+
+    Parameters
+    ----------
+    present : particles at the start
+    """
+
+    def __init__(self, settings: Settings, case: Case, vessel: Surroundings, present: int) -> None:
+        self.settings, self.case, self.vessel, self.present = settings, case, vessel, present
+        self.mass = case.material.density * settings.classes.mean_volume
+        self.energy = _energy_scale(settings, vessel, case.material.density, present * self.mass)
+        self.drift = _Mean(round(settings.classes.sauter_diameter / (vessel.speed * settings.time_step)))
+        self.passing = _Passing(settings, vessel)
+
+    def row(self, status: Status) -> None:
+        """Check a row of the thermo table: particle balance and kinetic energy."""
+        check_balance(self.present, status)
+        specific = _check_energy(status, self.mass, PEAK_ENERGY * self.energy, "flow and falls")
+        mean = self.drift.add(status.step, specific)
+        if mean > self.energy:
+            raise RunError(
+                f"step {status.step}: over the last diameter of plate travel the kinetic energy was {mean:.3g} J/kg on "
+                f"average; flow and falls give {self.energy:.3g} J/kg at the most: the bed heats up; {_CALMER}"
+            )
+
+    def snapshot(self, snapshot: Snapshot) -> None:
+        """Check where the particles of a snapshot are and how fast."""
+        self._check_place(snapshot)
+        self._check_speed(snapshot)
+        self.passing.add(snapshot)
+
+    def closely(self, snapshot: Snapshot) -> None:
+        """The dearer check, for now and then: how far the particles overlap."""
+        overlap = measure_overlap(snapshot.position, snapshot.radius)
+        for name, value, limit in (
+            ("mean", overlap.mean, MEAN_OVERLAP),
+            ("99th percentile", overlap.p99, P99_OVERLAP),
+        ):
+            if value > limit:
+                raise RunError(
+                    f"step {snapshot.step}: the particles overlap by {value:.1%} of a diameter ({name} of "
+                    f"{overlap.contacts} contacts), {limit:.0%} at the most: they are too soft for this bed; give a "
+                    f"larger contact.youngs_modulus than {self.settings.youngs_modulus:.3g} Pa, or auto"
+                )
+
+    def _check_place(self, snapshot: Snapshot) -> None:
+        settings = self.settings
+        x, y, z = snapshot.position.T
+        r = np.hypot(x, y)
+        floor = settings.plate_z - settings.plate_speed * settings.time_step * snapshot.step
+        if settings.open_outlet:
+            floor = settings.bottom
+        outside = np.flatnonzero(~self.vessel.inside(r, z) | (z < floor) | (z > settings.wall_top))
+        if len(outside):
+            one = outside[0]
+            raise RunError(
+                f"step {snapshot.step}: {len(outside)} particles are outside the walls, none may be; one of them "
+                f"(radius {snapshot.radius[one]:.3g} m) at r = {r[one]:.4g} m, z = {z[one]:.4g} m: they were pressed "
+                "or shot through; a larger contact.youngs_modulus or a smaller dem.time_step holds them"
+            )
+
+    def _check_speed(self, snapshot: Snapshot) -> None:
+        settings, parts = self.settings, self.case.contact
+        speed = float(np.linalg.norm(snapshot.velocity, axis=1).max(initial=0.0))
+        fall = math.sqrt(2 * contact.GRAVITY * (settings.wall_top - settings.bottom))
+        if speed > PEAK_SPEED * fall:
+            raise RunError(
+                f"step {snapshot.step}: a particle moves at {speed:.3g} m/s; a free fall through the whole vessel ends "
+                f"at {fall:.3g} m/s: the contacts are unstable; {_CALMER}"
+            )
+        if speed * settings.time_step > settings.skin / 2:
+            raise RunError(
+                f"step {snapshot.step}: a particle travels {speed * settings.time_step:.3g} m in a time step, half the "
+                f"neighbour skin is {settings.skin / 2:.3g} m: contacts are seen too late; make dem.time_step smaller"
+            )
+        if parts.model != "hertz" or not speed:
+            return
+        collision = contact.hertz_time(
+            settings.classes.smallest, self.case.material.density, settings.youngs_modulus, parts.poisson, speed
+        )
+        if settings.time_step > COLLISION_SHARE * collision:
+            raise RunError(
+                f"step {snapshot.step}: at {speed:.3g} m/s a collision lasts {collision:.3g} s, the time step is "
+                f"{settings.time_step / collision:.0%} of that, {COLLISION_SHARE:.0%} at the most: make dem.time_step "
+                "smaller"
+            )
+
+
+_CALMER = "make dem.time_step smaller (auto: 20 % of the Rayleigh time)"
+
+
+def _check_energy(status: Status, particle_mass: float, limit: float, source: str) -> float:
+    """Kinetic energy by mass [J/kg]; RunError if it is above the limit, or no number."""
+    specific = status.kinetic_energy / (max(1, status.particles) * particle_mass)
+    if not specific <= limit:
+        raise RunError(
+            f"step {status.step}: the particles' kinetic energy is {specific:.3g} J/kg; {source} can give {limit:.3g} "
+            f"J/kg at the most: the contacts are unstable; {_CALMER}"
+        )
+    return specific
+
+
+def _energy_scale(settings: Settings, vessel: Surroundings, density: float, mass: float) -> float:
+    """Most kinetic energy by mass [J/kg] that flow, falls, feeding, sticking and slipping can give on average.
+
+    A stream of mass flow Φ that falls freely from height h at start speed v for t = √(2h/g) holds
+    Φ ∫ ½ (v² + g²t²) dt = Φ (½ v² t + g² t³/6) at a time.
+    """
+    stream = 0.0
+    for height in (*vessel.falls, settings.feed_top - settings.feed_bottom):
+        t = math.sqrt(2 * max(0.0, height) / contact.GRAVITY)
+        stream += density * vessel.flow * (0.5 * vessel.feed_speed**2 * t + contact.GRAVITY**2 * t**3 / 6)
+    slip = contact.GRAVITY * SLIP * settings.classes.sauter_diameter
+    return vessel.flow_energy + stream / mass + slip
+
+
+class _Mean:
+    """Mean of the latest values over a number of steps; 0 until there are that many."""
+
+    def __init__(self, steps: int) -> None:
+        self.steps = steps
+        self.values: deque[tuple[int, float]] = deque()
+
+    def add(self, step: int, value: float) -> float:
+        self.values.append((step, value))
+        if step - self.values[0][0] < self.steps:
+            return 0.0
+        while step - self.values[1][0] >= self.steps:
+            self.values.popleft()
+        return sum(value for _, value in self.values) / len(self.values)
+
+
+class _Passing:
+    """Solids that pass every opening while the plate sinks; RunError where an arch holds them up."""
+
+    def __init__(self, settings: Settings, vessel: Surroundings) -> None:
+        self.vessel, self.names = vessel, list(vessel.levels)
+        self.step_travel = vessel.speed * settings.time_step  # [m]
+        self.window = ARCH_TRAVEL * settings.classes.sauter_diameter  # [m]
+        self.levels = np.array(list(vessel.levels.values()))
+        self.moves_from = DILATION * np.maximum(0.0, self.levels - settings.plate_z)  # plate travel [m]
+        self.last: _Column | None = None
+        self.passed: deque[tuple[float, Array]] = deque()  # travel and volumes between two snapshots
+
+    def add(self, snapshot: Snapshot) -> None:
+        now = (snapshot.step, snapshot.id, snapshot.position[:, 2].copy(), 4 / 3 * math.pi * snapshot.radius**3)
+        before, self.last = self.last, now
+        if before is None:
+            return
+        travel = (now[0] - before[0]) * self.step_travel
+        moving = now[0] * self.step_travel > self.moves_from
+        self.passed.append((travel, np.array([travel * moving, self._between(before, now) * moving])))
+        while sum(t for t, _ in self.passed) - self.passed[0][0] >= self.window:
+            self.passed.popleft()
+        self._check(snapshot.step)
+
+    def _between(self, before: _Column, now: _Column) -> Array:
+        """(levels,) volume that went down through each level, less what went up [m³]."""
+        _, i, j = np.intersect1d(before[1], now[1], assume_unique=True, return_indices=True)
+        after = np.full(len(before[1]), -np.inf)  # what is gone went down, through the outlet
+        after[i] = now[2][j]
+        above, still_above = before[2] > self.levels[:, None], after > self.levels[:, None]
+        return np.asarray((above.astype(float) - still_above) @ before[3])
+
+    def _check(self, step: int) -> None:
+        travel, volume = np.sum([each for _, each in self.passed], axis=0)
+        imposed = self.vessel.flow / self.vessel.speed * travel
+        blocked = np.flatnonzero((travel >= self.window) & (volume < ARCH_FLOW * imposed))
+        if len(blocked):
+            one = blocked[0]
+            raise RunError(
+                f"step {step}: over {travel[one]:.3g} m of plate travel {volume[one] / imposed[one]:.1%} of the "
+                f"imposed flow has passed the {self.names[one]}, at least {ARCH_FLOW:.0%} must: an arch holds "
+                "them up; use smaller particles (material.size, dem.coarse_grain_factor), or a wider opening"
+            )

@@ -1,0 +1,54 @@
+"""What a vessel is to the particles in it: walls, openings and scales of the flow, for the checks of a run's health."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granpipe.dem.health import Surroundings
+from granpipe.dem.settings import PACKING, Settings
+from granpipe.field import Array, Mask
+from granpipe.geometry.outline import Outline
+from granpipe.geometry.segments import inside_polygon
+
+PROFILE = 2.0
+"""Fastest over mean speed of a level, at most: a hopper's axis has twice the wall's speed."""
+
+_ROWS = 1000
+
+
+def surroundings(outline: Outline, settings: Settings, feed_speed: float) -> Surroundings:
+    """Walls, openings and the scales of the flow.
+
+    Parameters
+    ----------
+    feed_speed : of new particles [m/s]
+    """
+    speed = settings.inlet_speed * (outline.inlet_radius / outline.outlet_radius) ** 2
+    bulk_flow = speed * np.pi * outline.outlet_radius**2
+    passages = outline.passages()
+    # a stream leaves the highest opening with something below it to fall into; a plug sits on the plate
+    edges = [passage.z for passage in passages if settings.open_outlet or passage.z > outline.z_bottom]
+    return Surroundings(
+        inside=lambda r, z: _inside(outline, r, z),
+        levels={f"{passage.name} at z = {passage.z:.4g} m": passage.z for passage in passages},
+        flow=PACKING * bulk_flow,
+        speed=speed,
+        feed_speed=feed_speed,
+        flow_energy=_flow_energy(outline, bulk_flow),
+        falls=(max(edges) - settings.bottom,) if edges else (),
+    )
+
+
+def _flow_energy(outline: Outline, bulk_flow: float) -> float:
+    """Mean of ½v² over the vessel where v is the highest speed of each level [J/kg]."""
+    middles = outline.z_bottom + (np.arange(_ROWS) + 0.5) / _ROWS * (outline.z_top - outline.z_bottom)
+    area = outline.area(middles)
+    return float(0.5 * (PROFILE * bulk_flow) ** 2 * (1 / area).sum() / area.sum())
+
+
+def _inside(outline: Outline, r: Array, z: Array) -> Mask:
+    """Whether points (n,) lie within the wall and outside the obstacles."""
+    free = r < np.maximum(outline.wall_radius(z, "below"), outline.wall_radius(z, "above"))
+    for polygon in outline.obstacles.values():
+        free &= ~inside_polygon(np.column_stack([r, z]), polygon)
+    return np.asarray(free)

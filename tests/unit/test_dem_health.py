@@ -1,0 +1,176 @@
+"""Health of a run: what breaks physics is seen and named with its remedy; what beds do is let pass."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granpipe.case import load_case
+from granpipe.dem.dump import OWN_COLUMNS, Snapshot
+from granpipe.dem.health import FillingHealth, FlowHealth
+from granpipe.dem.run import Status
+from granpipe.errors import RunError
+from granpipe.plan import make_plan
+from granpipe.surroundings import surroundings
+
+RADIUS = 0.01
+MASS = 4 / 3 * math.pi * RADIUS**3 * 2000
+SPEED = 0.03  # of the plate in the tiny case
+
+
+def health(tiny: Path, present: int = 100, **changes: str) -> FlowHealth:
+    case = load_case(tiny, {key.replace("__", "."): value for key, value in changes.items()})
+    plan = make_plan(case)
+    return FlowHealth(plan.dem, case, surroundings(plan.outline, plan.dem, 0.1), present)
+
+
+def status(step: int = 0, particles: int = 100, energy: float = 1e-3, inserted: int = 0, discharged: int = 0) -> Status:
+    return Status(step, particles, energy * particles * MASS, inserted, 0, discharged)
+
+
+def snapshot(step: int, position: np.ndarray, velocity: object = 0.0, first: int = 1) -> Snapshot:
+    n = len(position)
+    values = np.column_stack(
+        [np.arange(first, first + n), np.ones(n), position, np.zeros((n, 3)) + velocity, np.full(n, RADIUS)]
+    )
+    return Snapshot(step, np.zeros((3, 2)), OWN_COLUMNS, values)
+
+
+def column(spacing: float = 2 * RADIUS, low: float = -0.02, high: float = 0.1) -> np.ndarray:
+    """Spheres on a square lattice in the vessel of 6 cm radius."""
+    x = np.arange(-0.04, 0.0401, spacing)
+    place = np.stack(np.meshgrid(x, x, np.arange(low, high, spacing)), axis=-1).reshape(-1, 3)
+    return place[np.hypot(place[:, 0], place[:, 1]) < 0.05]
+
+
+def test_a_balance_that_closes_at_every_row_passes(tiny: Path) -> None:
+    watch = health(tiny)
+    watch.row(status(0))
+    watch.row(status(100, particles=105, inserted=7, discharged=2))
+
+
+def test_a_single_lost_particle_is_seen_at_the_next_row(tiny: Path) -> None:
+    watch = health(tiny)
+    with pytest.raises(RunError, match=r"step 100: .*balance.*100 present before \+ 3 inserted − 0 discharged ≠ 102"):
+        watch.row(status(100, particles=102, inserted=3))
+    with pytest.raises(RunError, match="balance"):
+        FillingHealth(make_plan(load_case(tiny)).dem, load_case(tiny)).row(status(10, particles=4, inserted=5))
+
+
+@pytest.mark.parametrize("energy", [100.0, math.inf, math.nan])
+def test_energy_that_no_fall_can_give_is_a_blow_up(tiny: Path, energy: float) -> None:
+    with pytest.raises(RunError, match=r"kinetic energy is .* unstable; make dem\.time_step smaller"):
+        health(tiny).row(status(energy=energy))
+
+
+def test_free_fall_while_filling_is_no_blow_up_and_more_than_that_is(tiny: Path) -> None:
+    case = load_case(tiny)
+    settings = make_plan(case).dem
+    watch = FillingHealth(settings, case)
+    fall = 9.81 * (settings.feed_top - settings.plate_z)
+    watch.row(status(energy=fall, inserted=100))
+    with pytest.raises(RunError, match="a fall through the whole vessel"):
+        watch.row(status(energy=2 * fall, inserted=100))
+
+
+def test_a_bed_that_heats_up_slowly_is_seen_below_the_peak_that_a_moment_may_have(tiny: Path) -> None:
+    watch = health(tiny)
+    peak = 2 * watch.energy
+    watch.row(status(0, energy=peak))  # a moment of it is a slip
+    for step in range(100, 3000, 100):
+        watch.row(status(step, energy=0.0))
+    hot = (status(step, energy=peak) for step in range(3000, 20_000, 100))
+    with pytest.raises(RunError, match=r"over the last diameter of plate travel .* heats up"):
+        list(map(watch.row, hot))
+
+
+def test_a_flowing_bed_is_healthy(tiny: Path) -> None:
+    watch = health(tiny)
+    for step in range(0, 3000, 300):
+        watch.snapshot(snapshot(step, column() - [0, 0, step * SPEED * watch.settings.time_step], [0, 0, -SPEED]))
+    watch.closely(snapshot(0, column()))
+
+
+@pytest.mark.parametrize(
+    "place", [[0.061, 0, 0.05], [0, 0.07, 0.05], [0, 0, -0.2], [0, 0, 0.5]], ids=["wall", "y", "plate", "top"]
+)
+def test_a_particle_outside_the_walls_is_found(tiny: Path, place: list[float]) -> None:
+    with pytest.raises(RunError, match=r"1 particles are outside the walls.*youngs_modulus"):
+        health(tiny).snapshot(snapshot(0, np.vstack([column(), place])))
+
+
+def test_a_particle_inside_an_obstacle_is_outside_the_walls(tiny: Path) -> None:
+    ring = {"outline__obstacles": "{ring: [[4, 4], [6, 4], [6, 5], [4, 5]]}", "material__size__diameter": "0.5 cm"}
+    health(tiny, **ring).snapshot(snapshot(0, np.array([[0.03, 0, 0.045]])))
+    with pytest.raises(RunError, match="outside the walls"):
+        health(tiny, **ring).snapshot(snapshot(0, np.array([[0.05, 0, 0.045]])))
+
+
+def test_a_single_particle_faster_than_any_fall_is_seen(tiny: Path) -> None:
+    velocity = np.zeros((len(column()), 3))
+    velocity[7, 1] = 3.0  # after a fall through everything it would be below that
+    health(tiny).snapshot(snapshot(0, column(), velocity))
+    velocity[7, 1] = 30.0
+    with pytest.raises(RunError, match=r"moves at 30 m/s.*dem\.time_step"):
+        health(tiny).snapshot(snapshot(0, column(), velocity))
+
+
+def test_a_step_too_long_for_the_collisions_that_happen_is_seen(tiny: Path) -> None:
+    fast = snapshot(0, column(), [0, 0, -2.0])
+    health(tiny).snapshot(fast)
+    with pytest.raises(RunError, match=r"of that, 20% at the most: make dem\.time_step smaller"):
+        health(tiny, dem__time_step="6e-4").snapshot(fast)
+
+
+def test_travel_beyond_half_the_skin_in_a_step_is_seen(tiny: Path) -> None:
+    with pytest.raises(RunError, match="neighbour skin"):
+        health(tiny, dem__time_step="2e-3").snapshot(snapshot(0, column(), [0, 0, -2.0]))
+
+
+@pytest.mark.parametrize(("overlap", "name"), [(0.05, "mean"), (0.02, "")])
+def test_mean_overlap_beyond_its_limit_asks_for_stiffer_particles(tiny: Path, overlap: float, name: str) -> None:
+    bed = snapshot(0, column(spacing=2 * RADIUS * (1 - overlap)))
+    if not name:
+        health(tiny).closely(bed)
+        return
+    with pytest.raises(RunError, match=r"overlap by 5\.0% of a diameter \(mean.*youngs_modulus"):
+        health(tiny).closely(bed)
+
+
+def test_a_few_deep_overlaps_count_by_their_percentile(tiny: Path) -> None:
+    """One contact in fifty as deep as a quarter of a diameter, the others light: mean 0.6 %."""
+    low = np.column_stack([np.zeros((50, 2)), np.arange(50.0)])
+    high = low + np.column_stack([np.zeros((50, 2)), np.where(np.arange(50) < 1, 1.5, 1.998) * RADIUS])
+    with pytest.raises(RunError, match=r"overlap by \d+\.\d% of a diameter \(99th percentile of 50 contacts\), 10%"):
+        health(tiny).closely(snapshot(0, np.vstack([low, high])))
+
+
+def falling(watch: FlowHealth, passes: bool, diameters: float) -> None:
+    """A plate that sinks: the particles above the outlet follow it, or stand still; those below always follow."""
+    step_travel = SPEED * watch.settings.time_step
+    start = column(low=-0.04, high=0.2)
+    above = (start[:, 2] > 0) & (not passes)
+    for step in range(0, round(diameters * 2 * RADIUS / step_travel), 300):
+        travel = np.where(above, 0.0, step * step_travel)
+        watch.snapshot(snapshot(step, start - travel[:, None] * [0, 0, 1]))
+
+
+def test_an_arch_at_the_outlet_is_named_after_some_diameters_of_plate_travel(tiny: Path) -> None:
+    falling(health(tiny), passes=True, diameters=9)
+    falling(health(tiny), passes=False, diameters=4.5)  # bursts and the start are no arch
+    with pytest.raises(RunError, match=r"0\.0% of the imposed flow has passed the outlet at z = 0 m.*arch"):
+        falling(health(tiny), passes=False, diameters=9)
+
+
+def test_what_falls_through_an_open_outlet_and_is_taken_out_has_passed_it(tiny: Path) -> None:
+    watch = health(tiny, dem__outlet="open")
+    spheres = column(low=0.05, high=0.2)
+    steps = round(0.02 / (watch.vessel.speed * watch.settings.time_step))  # one diameter of travel
+    for number in range(12):
+        watch.snapshot(snapshot(number * steps, spheres, first=1 + 10_000 * number))  # all gone, and new ones there
+    stuck = (snapshot(number * steps, spheres) for number in range(12, 24))
+    with pytest.raises(RunError, match="arch"):
+        list(map(watch.snapshot, stuck))
