@@ -14,16 +14,15 @@ from granpipe.field import Array, Grid, Mask
 
 _KERNEL = np.array([1, 4, 6, 4, 1]) / 16  # binomial: a Gaussian of one cell standard deviation
 _REACH = 2
-_BULK_PART = 0.05  # of φ_ref: the layer that slides down a free surface is fast and thin in solids
+_BULK_PART = 0.03  # of φ_ref: the layer that slides down a free surface is fast and thin in solids
 
 
 def bulk_mask(volume: Array, inside_fraction: Array, grid: Grid, packing: float, diameter: float) -> Mask:
     """(nz, nr) True where solids flow or rest.
 
-    Void is where next to no solids ever are: less than a twentieth of φ_ref, seen through a window half a particle
-    wide and counting only what is inside the outline. The dilute edge of a stream belongs to it: it is a fraction of a
-    particle wide, but on a free surface and below a lip it carries a good part of the flow. Islands and holes smaller
-    than a particle are cleared away.
+    Void is where next to no solids ever are: less than 3 % of φ_ref, as `seen_packing` sees it. The dilute edge of a
+    stream belongs to it: it is about a particle wide, but on a free surface and below a lip it carries a good part of
+    the flow. Islands and holes smaller than a particle are cleared away.
 
     Parameters
     ----------
@@ -32,14 +31,19 @@ def bulk_mask(volume: Array, inside_fraction: Array, grid: Grid, packing: float,
     packing : φ_ref
     diameter : particle diameter [m]
     """
-    window = 2 * max(1, round(0.25 * diameter / grid.cell)) + 1
-    seen = ndimage.uniform_filter(volume, window, mode="constant")
-    space = ndimage.uniform_filter(inside_fraction * grid.cell_volume, window, mode="constant")
     inside = inside_fraction > 0
-    bulk = inside & (seen > _BULK_PART * packing * space)
+    bulk = inside & (seen_packing(volume, inside_fraction, grid, diameter) > _BULK_PART * packing)
     particle = (diameter / grid.cell) ** 2
     bulk &= ~_specks(bulk, particle)
     return np.asarray(bulk | _specks(inside & ~bulk, particle))
+
+
+def seen_packing(volume: Array, inside_fraction: Array, grid: Grid, diameter: float) -> Array:
+    """(nz, nr) solids fraction of what is inside the outline, through a window half a particle wide: no wall layers."""
+    window = 2 * max(1, round(0.25 * diameter / grid.cell)) + 1
+    solids = ndimage.uniform_filter(volume, window, mode="constant")
+    space = ndimage.uniform_filter(inside_fraction * grid.cell_volume, window, mode="constant")
+    return np.divide(solids, space, out=np.zeros_like(solids), where=inside_fraction > 0)
 
 
 def _specks(mask: Mask, least: float) -> Mask:

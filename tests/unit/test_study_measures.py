@@ -1,0 +1,63 @@
+"""Surfaces, voids and zones at rest of fields that are drawn by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granpipe.errors import DataError
+from granpipe.field import Field, Grid
+from granpipe.study.measures import bulk_edge, crossings, displacement, stagnant_area, void_area
+
+GRID = Grid.covering(1.0, 0.0, 2.0, 0.02)
+R, Z = np.meshgrid(GRID.r_centres, GRID.z_centres)
+INSIDE = (R < 0.8).astype(float)
+
+
+def filled_to(surface, flux=0.0):
+    """A vessel of radius 0.8 m filled to a height; the flow down through every level is that of its mean speed, 1."""
+    rows, columns = GRID.shape
+    flux_z = np.zeros((rows + 1, columns)) - flux
+    return Field(
+        grid=GRID,
+        inside_fraction=INSIDE,
+        bulk=(surface > Z) & (INSIDE > 0),
+        flux_r=np.zeros((rows, columns + 1)),
+        flux_z=flux_z,
+        bulk_flow=np.pi * 0.8**2,
+        bulk_packing=0.6,
+        flow_scale=1.0,
+    )
+
+
+def test_a_circle_is_found_where_it_is():
+    points = crossings(np.hypot(R, Z - 1), 0.6, GRID, np.ones(GRID.shape, dtype=bool))
+    np.testing.assert_allclose(np.hypot(points[:, 0], points[:, 1] - 1), 0.6, atol=2e-4)
+    assert displacement(np.array([[0.6, 1.0], [0.0, 1.6]]), points) < 0.51 * GRID.cell
+
+
+def test_lines_are_as_far_apart_as_they_were_drawn():
+    """Heaps of one slope, one 0.1 m above the other."""
+    slope = 0.5
+    low, high = (bulk_edge(filled_to(height - slope * R)) for height in (1.2, 1.3))
+    assert displacement(low, high) == pytest.approx(0.1 / np.sqrt(1 + slope**2), abs=0.3 * GRID.cell)
+    assert displacement(low, low) == 0
+
+
+def test_walls_are_no_surface():
+    assert bulk_edge(filled_to(1.0))[:, 0].max() < 0.8
+    with pytest.raises(DataError, match="no free surface"):
+        displacement(bulk_edge(filled_to(3.0)), np.zeros((1, 2)))
+
+
+def test_voids_are_measured_inside_the_outline_and_between_the_levels():
+    field = filled_to(1.2)
+    assert void_area(field, (0.0, 2.0)) == pytest.approx(0.8 * 0.8)
+    assert void_area(field, (1.0, 1.5)) == pytest.approx(0.8 * 0.3)
+    assert void_area(field, (0.0, 1.0)) == 0
+
+
+def test_at_rest_is_what_is_slower_than_a_fiftieth_of_the_mean():
+    flux = np.where(GRID.r_centres < 0.5, 0.6 * 0.021, 0.6 * 0.019)
+    assert stagnant_area(filled_to(1.2, flux), (0.0, 2.0)) == pytest.approx(0.3 * 1.2)
+    assert stagnant_area(filled_to(1.2, flux), (0.0, 2.0), part=0.018) == 0
