@@ -123,6 +123,11 @@ class Outline(Group):
         "named s1, s2, …, from the top.",
     )
 
+    @property
+    def levels(self) -> dict[str, tuple[float, float]]:
+        """Section → its upper and lower level [m]."""
+        return {name: section.z for name, section in self.sections.items()}
+
     @model_validator(mode="before")
     @classmethod
     def _in_metres(cls, data: Any) -> Any:
@@ -448,9 +453,20 @@ class Dem(Group):
     time_step: Annotated[float | Literal["auto"], Quantity(TIME, above=0, at_most=1, auto=True)] = Field(
         default="auto", description="Time step; `auto` is 0.2 Rayleigh times of the smallest particle."
     )
+    statistical_error: Annotated[float | None, Quantity(above=0, below=1)] = Field(
+        default=None,
+        description="Statistical error of the final field, on the whole and in every section, at which production may "
+        "end before `max_time`. Unless given it runs to `max_time`.",
+    )
     max_time: Annotated[float, Quantity(TIME, above=0, at_most=1e6)] = Field(
         default=20.0,
-        description="Simulated time of production, after filling and settling. It sizes the plate's travel.",
+        description="Simulated time of production, after filling and settling, at the most. It sizes the plate's "
+        "travel.",
+    )
+    replicas: Annotated[int, Whole(1, 1000)] = Field(
+        default=1,
+        description="Independent runs with the seeds `seed`, `seed` + 1, …, side by side on the free cores, and one "
+        "average of all.",
     )
     seed: Annotated[int, Whole(0)] = Field(default=1, description="Every random number follows from it.")
     outlet: Annotated[Outlet, Choice(Outlet)] = Field(
@@ -561,6 +577,10 @@ class Case(Group):
                 )
         if self.homogenize.start != "auto" and self.homogenize.start >= self.dem.max_time:
             refuse(f"must be below dem.max_time ({self.dem.max_time:g} s)", ("homogenize", "start"))
+        if self.homogenize.method == "paper" and self.dem.statistical_error is not None:
+            refuse(
+                "belongs to homogenize.method: psi, which knows its error; leave it out", ("dem", "statistical_error")
+            )
         if self.model == "fluid" and self.flow_rate.mass is not None and self.material.bulk_density is None:
             refuse(
                 "missing; without particles only it can turn the mass flow into a volume flow",

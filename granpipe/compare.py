@@ -9,7 +9,7 @@ from math import sqrt
 import numpy as np
 
 from granpipe.errors import DataError
-from granpipe.field import Array, Field, Mask
+from granpipe.field import Array, Field, Mask, cell_squares, section_rows
 
 ONE_SIDED_95 = 1.645
 
@@ -60,9 +60,7 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
         )
     cells = _Cells.of(one, other)
     shared = max(1.0, (diameter / grid.cell) ** 2)
-    rows = {"whole": np.ones(grid.shape[0], dtype=bool)}
-    rows |= {name: (grid.z_centres < top) & (grid.z_centres > bottom) for name, (top, bottom) in levels.items()}
-    return [cells.compare(name, chosen, shared) for name, chosen in rows.items()]
+    return [cells.compare(name, rows, shared) for name, rows in section_rows(grid, levels).items()]
 
 
 @dataclass(frozen=True)
@@ -79,8 +77,8 @@ class _Cells:
         a, b = one.velocity_scale, other.velocity_scale
         return cls(
             weight=np.where(one.bulk & other.bulk, one.grid.ring_area, 0.0),
-            field=_squares(one.flux_r * a, one.flux_z * a),
-            apart=_squares(one.flux_r * a - other.flux_r * b, one.flux_z * a - other.flux_z * b),
+            field=cell_squares(one.flux_r * a, one.flux_z * a),
+            apart=cell_squares(one.flux_r * a - other.flux_r * b, one.flux_z * a - other.flux_z * b),
             variance=_error_squares(one) + _error_squares(other),
         )
 
@@ -100,14 +98,8 @@ class _Cells:
         return Difference(name, *(sqrt(value / total) for value in (observed, noise, free, upper)))
 
 
-def _squares(flux_r: Array, flux_z: Array) -> Array:
-    """(nz, nr) square of a vector given on the faces, its components averaged to the middle of each cell."""
-    r, z = 0.5 * (flux_r[:, 1:] + flux_r[:, :-1]), 0.5 * (flux_z[1:] + flux_z[:-1])
-    return np.asarray(r**2 + z**2)
-
-
 def _error_squares(field: Field) -> Array:
     """(nz, nr) squared standard error of the bulk velocity; neighbouring faces share their particles, so no less."""
     if field.flux_r_se is None or field.flux_z_se is None:
         return np.zeros(field.grid.shape)
-    return _squares(field.flux_r_se * field.velocity_scale, field.flux_z_se * field.velocity_scale)
+    return cell_squares(field.flux_r_se * field.velocity_scale, field.flux_z_se * field.velocity_scale)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from granpipe.case import Case
 from granpipe.errors import DataError
-from granpipe.field import Array, Field, Grid, level_flow
+from granpipe.field import Field, Grid, cell_squares, level_flow, section_rows
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import paper_field
 from granpipe.homogenize.average import Sums, merge
@@ -20,76 +20,120 @@ from granpipe.homogenize.statistics import (
     LEAST_BLOCKS,
     OffCentre,
     blocks,
-    effective_samples,
     off_centre,
     onset,
     trend,
     turnovers,
 )
+from granpipe.jsonfile import read_json
 from granpipe.plan import Plan
-from granpipe.quality import breach_gate, level_flow_gate, packing_gate, size_gate
+from granpipe.quality import (
+    Gate,
+    breach_gate,
+    error_gates,
+    level_flow_gate,
+    missing_time,
+    packing_gate,
+    size_gate,
+)
 from granpipe.results import Made
-from granpipe.simulate import Production, read_json
+from granpipe.simulate import Production, Standing
+
+Levels = Mapping[str, tuple[float, float]]
 
 PLUG_DIAMETERS = 0.25
 """Height of the plug in which packing and flow are measured, in outlet diameters above the outlet."""
 
 
-def dem_field(plan: Plan, production: Production) -> Made:
-    """Average the segments after the transient and make the field."""
+def dem_field(plan: Plan, productions: Sequence[Production]) -> Made:
+    """Average the segments of all runs after their transients and make the field."""
     settings = plan.dem
-    parts = after_transient(list(production.sums()), plan.case)
-    conserved = conserved_field(plan.case, plan.outline, parts, settings.classes.sauter_diameter)
-    field, plug = conserved.field, conserved.plug
-    settled = read_json(production.settled / "settle.json")
-    reports = production.reports()
-    assert field.raw_flux_z is not None
+    parts = [sums for production in productions for sums in production.sums()]
+    steady = after_transient(parts, plan.case)
+    conserved = conserved_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
+    settled = [read_json(production.settled / "settle.json") for production in productions]
+    reports = [production.reports() for production in productions]
+    figures = conserved.figures | run_statistics(steady, plan.case.outline.levels)
     return Made(
-        field=field,
+        field=conserved.field,
         gates=(
-            level_flow_gate(level_flow(field.raw_flux_z, field.grid), plug.solids_flow),
-            size_gate(settled["mass_share"], settled["wanted_mass_share"]),
-            packing_gate(plug.packing),
+            *_average_gates(plan, conserved, merge(steady).duration),
+            *(size_gate(bed["mass_share"], bed["wanted_mass_share"]) for bed in settled),
+            packing_gate(conserved.plug.packing),
             *map(breach_gate, plan.breaches),
         ),
-        figures=conserved.figures
-        | run_statistics(parts, plan.outline)
+        figures=figures
         | {
-            "averaged_from_s": parts[0].start,
-            "averaged_to_s": parts[-1].stop,
-            "averaged_plate_travel_m": (parts[-1].stop - parts[0].start) * settings.plate_speed,
-            "solids_flow_m3_per_s": plug.solids_flow,
-            "bulk_packing": plug.packing,
-            "particles": reports[-1]["particles"],
-            "inserted_to_settle": settled["inserted"],
-            "short_insertions": settled["short_insertions"],
-            "produce_wall_seconds": sum(_last_of_each_run(reports, "wall_seconds")),
-            "averaging_seconds": sum(_last_of_each_run(reports, "averaging_seconds")),
+            "averaged_from_s": min(sums.start for sums in steady),
+            "averaged_to_s": max(sums.stop for sums in steady),
+            "averaged_plate_travel_m": merge(steady).duration * settings.plate_speed,
+            "solids_flow_m3_per_s": conserved.plug.solids_flow,
+            "bulk_packing": conserved.plug.packing,
+            "particles": [run[-1]["particles"] for run in reports],
+            "inserted_to_settle": [bed["inserted"] for bed in settled],
+            "short_insertions": [bed["short_insertions"] for bed in settled],
+            "produce_wall_seconds": [sum(_last_of_each_run(run, "wall_seconds")) for run in reports],
+            "averaging_seconds": [sum(_last_of_each_run(run, "averaging_seconds")) for run in reports],
         },
-        productions=(production,),
+        productions=tuple(productions),
     )
 
 
-def run_statistics(parts: Sequence[Sums], outline: Outline) -> dict[str, Any]:
-    """What the average is worth and what it hides: independent samples, turnovers, trends, flow off the centre.
+def _average_gates(plan: Plan, conserved: Conserved, duration: float) -> list[Gate]:
+    """The gates that a longer average can pass."""
+    field, target = conserved.field, plan.case.dem.statistical_error
+    assert field.raw_flux_z is not None
+    gates = [level_flow_gate(level_flow(field.raw_flux_z, field.grid), conserved.plug.solids_flow)]
+    if target is not None:
+        errors, effective = conserved.figures.get("statistical_error", {}), conserved.figures["effective_blocks"]
+        gates += error_gates(errors, effective, target, duration)
+    return gates
+
+
+class Judge:
+    """Says of a run in progress how good its average is, and whether that is enough."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def __call__(self, parts: Sequence[Sums]) -> Standing:
+        """The standing of the segments so far."""
+        plan = self._plan
+        if len(parts) < LEAST_BLOCKS or plan.case.homogenize.method == "paper":
+            return Standing()
+        try:
+            steady = after_transient(parts, plan.case)
+            conserved = conserved_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter)
+        except DataError:
+            return Standing()  # no flow at some level yet, or the filling still changes too fast
+        target, errors = plan.case.dem.statistical_error, conserved.figures.get("statistical_error", {})
+        if target is None or not errors:
+            return Standing(errors)
+        duration = merge(steady).duration
+        enough = all(gate.passed for gate in _average_gates(plan, conserved, duration))
+        return Standing(errors, enough, missing_time(errors, conserved.figures["effective_blocks"], target, duration))
+
+
+def run_statistics(parts: Sequence[Sums], levels: Levels) -> dict[str, Any]:
+    """What the average is worth and what it hides: turnovers, trends, flow off the centre.
 
     Below one turnover a section still holds what it was filled with. Empty where there are too few segments for errors.
     """
     if len(parts) < LEAST_BLOCKS:
         return {}
-    whole = merge(parts)
-    ranges = {name: (section.z_bottom, section.z_top) for name, section in outline.sections.items()}
-    solids, kinetic = (np.array([getattr(b, name).mean() for b in blocks(parts)]) for name in ("solids", "kinetic"))
+    whole, joined = merge(parts), blocks(parts)
+    ranges = {name: (low, top) for name, (top, low) in levels.items()}
     return {
-        "effective_samples": effective_samples(parts),
-        "turnovers": {name: turnovers(whole, levels) for name, levels in ranges.items()},
-        "trend_of_solids": {"relative_change": trend(solids / solids.mean()).change, "p_value": trend(solids).p_value},
-        "trend_of_kinetic_energy": {
-            "relative_change": trend(kinetic / kinetic.mean()).change,
-            "p_value": trend(kinetic).p_value,
-        },
-        "off_centre": {name: _plain(off_centre(parts, levels)) for name, levels in ranges.items()},
+        "turnovers": {name: turnovers(whole, z) for name, z in ranges.items()},
+        "trend_of_solids": _trend([block.solids.mean() for block in joined]),
+        "trend_of_kinetic_energy": _trend([block.kinetic.mean() for block in joined]),
+        "off_centre": {name: _plain(off_centre(parts, z)) for name, z in ranges.items()},
     }
+
+
+def _trend(values: list[float]) -> dict[str, float]:
+    found = trend(np.array(values) / np.mean(values))
+    return {"relative_change": found.change, "p_value": found.p_value}
 
 
 def _plain(asymmetry: OffCentre) -> dict[str, Any]:
@@ -124,34 +168,27 @@ def conserved_field(case: Case, outline: Outline, parts: Sequence[Sums], diamete
     fitted = psi_field(parts, inside, plug, diameter, scale)
     figures: dict[str, Any] = {
         "smoothing_length_m": fitted.smoothing_length,
-        "independent_blocks": fitted.blocks,
+        "blocks": fitted.blocks,
+        "effective_blocks": fitted.effective_blocks,
         "storage_taken_off": fitted.storage,
     }
+    if fitted.scatter is not None:
+        figures["scatter_of_runs_over_error"] = fitted.scatter
     if fitted.field.flux_z_se is not None:
-        figures["statistical_error"] = statistical_errors(fitted.field, outline)
+        figures["statistical_error"] = statistical_errors(fitted.field, case.outline.levels)
     return Conserved(fitted.field, plug, figures)
 
 
-def statistical_errors(field: Field, outline: Outline) -> dict[str, float]:
+def statistical_errors(field: Field, levels: Levels) -> dict[str, float]:
     """E = √(Σ A SE² / Σ A F²) over the bulk cells, whole and per section; A the area of each ring."""
     assert field.flux_r_se is not None
     assert field.flux_z_se is not None
-    square = [_on_cells(a**2, b**2) for a, b in ((field.flux_r, field.flux_z), (field.flux_r_se, field.flux_z_se))]
     weight = np.where(field.bulk, field.grid.ring_area, 0.0)
-    errors = {}
-    for name, section in {"whole": None, **outline.sections}.items():
-        rows = slice(None)
-        if section is not None:
-            z = field.grid.z_centres
-            rows = (z < section.z_top) & (z > section.z_bottom)  # type: ignore[assignment]
-        flux, error = (float((weight * values)[rows].sum()) for values in square)
-        errors[name] = float(np.sqrt(error / flux)) if flux > 0 else 0.0
-    return errors
-
-
-def _on_cells(flux_r: Array, flux_z: Array) -> Array:
-    """(nz, nr) sum of both components' squares, each the mean of its two faces."""
-    return 0.5 * (flux_r[:, 1:] + flux_r[:, :-1] + flux_z[1:] + flux_z[:-1])
+    flux, error = (
+        weight * cell_squares(r, z) for r, z in ((field.flux_r, field.flux_z), (field.flux_r_se, field.flux_z_se))
+    )
+    rows = section_rows(field.grid, levels)
+    return {name: float(np.sqrt(error[at].sum() / max(flux[at].sum(), 1e-300))) for name, at in rows.items()}
 
 
 def target_flow(case: Case, packing: float) -> float:
@@ -163,8 +200,13 @@ def target_flow(case: Case, packing: float) -> float:
     return rate.mass / (case.material.density * packing)
 
 
-def after_transient(parts: list[Sums], case: Case) -> list[Sums]:
-    """The segments from the start that the case gives, or from one that suits the data."""
+def after_transient(parts: Sequence[Sums], case: Case) -> list[Sums]:
+    """The segments of each run from the start that the case gives, or from one that suits its data."""
+    runs = [[sums for sums in parts if sums.run == run] for run in sorted({sums.run for sums in parts})]
+    return [sums for run in runs for sums in _from_start(run, case)]
+
+
+def _from_start(parts: list[Sums], case: Case) -> list[Sums]:
     start = _steady_start(parts) if case.homogenize.start == "auto" else float(case.homogenize.start)
     kept = [sums for sums in parts if sums.start >= start - 1e-9 * parts[-1].stop]
     if not kept:

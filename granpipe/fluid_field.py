@@ -16,7 +16,7 @@ from granpipe.rzmesh import RZMesh
 
 def section_mesh(plan: Plan, bands: Sequence[tuple[float, float, float]] = ()) -> RZMesh:
     """Mesh of the r–z half section; `bands` are height ranges and the largest triangle there: (low, high, size) [m]."""
-    sections = {name: (section.z_top, section.z_bottom) for name, section in plan.case.outline.sections.items()}
+    sections = plan.case.outline.levels
     return mesh_section(
         plan.outline.wall,
         plan.outline.obstacles,

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from granpipe.dem_field import dem_field, target_flow
+from granpipe.dem_field import Judge, dem_field, target_flow
 from granpipe.errors import CaseError
-from granpipe.field import Array, Field, Grid, Mask, flux_from_psi
+from granpipe.field import Array, Field, Grid, Mask, cell_squares, flux_from_psi
 from granpipe.fluid.fictitious import FluidSolution, solve_fluid, to_field
 from granpipe.fluid.forcing import KnownFlow
 from granpipe.fluid_field import section_mesh, wall_law
@@ -36,7 +36,7 @@ def hybrid_field(plan: Plan, store: Store, tools: dict[str, str], progress: Prog
     parts: Parts = []
     for span, part in plan.parts:
         progress.note(f"sub-model of section {span.name}")
-        parts.append((span, dem_field(part, simulate(part, store, tools, progress))))
+        parts.append((span, dem_field(part, simulate(part, store, tools, progress, Judge(part)))))
     if case.fluid.known_field is not None:
         earlier = Field.load(Path(case.fluid.known_field))
         parts += [(span, Made(_cut_out(earlier, span, plan), ())) for span in plan.followed]
@@ -175,13 +175,11 @@ def _difference(field: Field, part: Field, low: float, high: float) -> float:
     columns = part.grid.shape[1]
     chosen = part.bulk & field.bulk[at, :columns]
     chosen &= ((part.grid.z_centres > low) & (part.grid.z_centres < high))[:, None]
-    mine = [values[at, :columns] * field.velocity_scale for values in _cell_velocity(field)]
-    theirs = [values * part.velocity_scale for values in _cell_velocity(part)]
+    a, b = field.velocity_scale, part.velocity_scale
+    apart_r, apart_z = (
+        field.flux_r[at, : columns + 1] * a - part.flux_r * b,
+        field.flux_z[rows, :columns] * a - part.flux_z * b,
+    )
     weight = np.where(chosen, part.grid.ring_area, 0.0)
-    error = sum(float((weight * (a - b) ** 2).sum()) for a, b in zip(mine, theirs, strict=True))
-    return float(np.sqrt(error / sum(float((weight * b**2).sum()) for b in theirs)))
-
-
-def _cell_velocity(field: Field) -> tuple[Array, Array]:
-    """(nz, nr) both components of the solids flux at the middle of each cell [m/s]."""
-    return 0.5 * (field.flux_r[:, 1:] + field.flux_r[:, :-1]), 0.5 * (field.flux_z[1:] + field.flux_z[:-1])
+    error = float((weight * cell_squares(apart_r, apart_z)).sum())
+    return float(np.sqrt(error / (weight * cell_squares(part.flux_r * b, part.flux_z * b)).sum()))

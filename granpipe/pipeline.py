@@ -68,13 +68,13 @@ def _digest(file: CaseFile, known: str) -> str:
 
 
 def _dem(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
-    from granpipe.dem_field import dem_field
+    from granpipe.dem_field import Judge, dem_field
     from granpipe.simulate import simulate
 
     _require_programs(plan, plan.dem.ranks)
-    production = simulate(plan, store, tools, progress)
+    productions = simulate(plan, store, tools, progress, Judge(plan))
     progress.stage("field")
-    return dem_field(plan, production)
+    return dem_field(plan, productions)
 
 
 def _fluid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -11,6 +12,9 @@ from granpipe.field import Array
 
 LEVEL_FLOW_LIMIT = 0.05
 """Raw flow through any level against the plug's: beyond it the average is too short or not steady."""
+
+LEAST_EFFECTIVE = 20
+"""Independent blocks that an error bar needs before a run may end by it: one of 20 is itself uncertain by 16 %."""
 
 SIZE_SHARE_LIMIT = 0.02
 """Inserted mass share of any size class against the one asked for."""
@@ -45,6 +49,31 @@ def level_flow_gate(raw_flow: Array, solids_flow: float) -> Gate:
         f"at most {LEVEL_FLOW_LIMIT:.0%} (average longer: dem.max_time)",
         worst <= LEVEL_FLOW_LIMIT,
     )
+
+
+def error_gates(errors: dict[str, float], effective: float, target: float, duration: float) -> list[Gate]:
+    """Statistical error of the worst section and of the whole, and on how many independent blocks it rests.
+
+    Parameters
+    ----------
+    errors : section → statistical error of the final field; empty where it is not known
+    effective : independent blocks
+    target : the error that the case allows
+    duration : simulated time that was averaged [s], for a forecast of what is missing
+    """
+    worst = max(errors, key=errors.__getitem__, default="whole")
+    error, missing = errors.get(worst, math.inf), missing_time(errors, effective, target, duration)
+    remedy = "" if missing == 0 else f" (dem.max_time: about {missing:.3g} s more)"
+    return [
+        Gate(f"statistical error, section {worst}", error, f"at most {target:.3g}{remedy}", error <= target),
+        Gate("independent blocks", effective, f"at least {LEAST_EFFECTIVE}{remedy}", effective >= LEAST_EFFECTIVE),
+    ]
+
+
+def missing_time(errors: dict[str, float], effective: float, target: float, duration: float) -> float:
+    """Simulated time [s] that an average still lacks, its error falling with the square root of its length."""
+    share = max((max(errors.values(), default=math.inf) / target) ** 2, LEAST_EFFECTIVE / effective)
+    return duration * max(0.0, share - 1)
 
 
 def size_gate(share: list[float], wanted: list[float]) -> Gate:

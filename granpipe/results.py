@@ -15,6 +15,7 @@ from granpipe import __version__
 from granpipe.case import Case
 from granpipe.errors import RunError
 from granpipe.field import Field
+from granpipe.jsonfile import write_json
 from granpipe.plan import Plan
 from granpipe.quality import Gate
 from granpipe.store import key_of, publishing
@@ -62,7 +63,7 @@ def write_results(
         raise RunError(f"{folder} exists and is not granpipe's; move it away or choose another --results")
     with publishing(folder) as aside:
         (aside / "case.yaml").write_text(plan.case.to_yaml())
-        _write_json(aside / "plan.json", plan_summary(plan))
+        write_json(aside / "plan.json", plan_summary(plan))
         made.field.save(aside / "field.npz")
         write_exports(made.field, plan.case, aside)
         _fluid_mesh(aside, plan, made)
@@ -80,7 +81,7 @@ def write_results(
             "quality": [gate.as_dict() for gate in made.gates],
             "files": sorted(str(path.relative_to(aside)) for path in aside.rglob("*") if path.is_file()),
         }
-        _write_json(aside / "provenance.json", provenance)
+        write_json(aside / "provenance.json", provenance)
     return tuple(gate for gate in made.gates if not gate.passed)
 
 
@@ -178,7 +179,3 @@ def _logs(folder: Path, made: Made) -> None:
         shutil.copyfile(production.settled / "output.txt", logs / "settle.txt")
         for log in sorted((production.folder / "logs").glob("*.txt")):
             shutil.copyfile(log, logs / log.name)
-
-
-def _write_json(path: Path, data: dict[str, Any]) -> None:
-    path.write_text(json.dumps(data, indent=2, ensure_ascii=False) + "\n")

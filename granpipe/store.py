@@ -47,14 +47,24 @@ class Store:
 
     def make(self, stage: str, key: str, work: Callable[[Path], None]) -> Path:
         """The folder of a finished stage; `work(folder)` fills it where it does not exist yet."""
+
+        def in_one_step(folder: Path) -> Iterator[None]:
+            work(folder)
+            yield
+
+        for _ in self.make_in_steps(stage, key, in_one_step):
+            pass
+        return self.folder(stage, key)
+
+    def make_in_steps(self, stage: str, key: str, work: Callable[[Path], Iterator[None]]) -> Iterator[None]:
+        """Like `make`, with work that is done bit by bit: the folder is finished when the iterator ends."""
         target = self.folder(stage, key)
         if target.is_dir():
-            return target
+            return
         with self.lock(stage, key):
             if not target.is_dir():  # it may have appeared while this process waited
                 with publishing(target) as folder:
-                    work(folder)
-        return target
+                    yield from work(folder)
 
     def clear(self) -> int:
         """Delete every stage that no process is working on; return the bytes that were freed."""

@@ -21,8 +21,9 @@ PACKING = 0.58
 SNAPSHOT_TRAVEL = 0.1
 """Plate travel between snapshots, in Sauter diameters: a throat moves several times faster than the plate."""
 
-SEGMENT_TRAVEL = 0.5
-"""Plate travel of one segment, in Sauter diameters: velocities decorrelate in 0.5–0.65 d, so it is one sample."""
+MOST_SEGMENTS = 256
+"""A segment is one interval between snapshots, so that few are needed for an error bar; no more of them than this, so
+that the disk that their sums take does not grow with the length of the run."""
 
 BEVERLOO_SHARE = 0.1
 """Flow through every opening over its free discharge, at most: beyond it inertia shows in the field."""
@@ -133,8 +134,9 @@ def choose(case: Case, vessel: Vessel) -> Settings:
     clearance = 0.0 if open_outlet else max(5 * classes.d90, vessel.outlet_radius)
     travel = 0.0 if open_outlet else speed * case.dem.max_time
     dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))
-    dumps_per_segment = max(1, round(SEGMENT_TRAVEL / SNAPSHOT_TRAVEL))
-    segments = max(1, round(case.dem.max_time / (step * dump_every * dumps_per_segment)))
+    dumps = case.dem.max_time / (step * dump_every)
+    dumps_per_segment = max(1, math.ceil(dumps / MOST_SEGMENTS))
+    segments = max(1, round(dumps / dumps_per_segment))
     level = vessel.top + reservoir
     volume = vessel.volume + math.pi * (
         vessel.inlet_radius**2 * reservoir + vessel.outlet_radius**2 * (clearance + 0.5 * travel)
@@ -245,5 +247,6 @@ def _ranks(case: Case, particles: int) -> int:
         if wanted > cores:
             raise CaseError(f"{wanted} ranks, but this machine has {cores} cores", key=("dem", "ranks"))
         return wanted
+    cores = max(1, cores // case.dem.replicas)
     useful = max(1, particles // 3000)
     return next(n for n in (64, 32, 16, 8, 4, 2, 1) if n <= min(cores, useful))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from granpipe.errors import DataError
@@ -15,7 +16,7 @@ from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, plug_levels
 from granpipe.homogenize.psi_fit import PsiFit, Roles, Weights, node_roles
 from granpipe.homogenize.smooth import flowing_faces
-from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, effective_samples, standard_error
 
 SMOOTHING_LENGTHS = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 """Candidates for ℓ, in particle diameters."""
@@ -23,11 +24,15 @@ SMOOTHING_LENGTHS = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 CLEARANCE = 1.25
 """Nothing is smoothed within this many particle diameters of walls and voids."""
 
+BLOCKS = 30
+"""Blocks that the standard errors rest on, where there are so many segments."""
+
 _VARIANCE_REACH = 1.0  # diameters: the variance is seen through a Gaussian of this width
 _LEAST_VARIANCE = 0.01  # of its mean
 _MOST_STORAGE = 0.2  # of the flow
 
 Flux = tuple[Array, Array]
+Data = tuple[Flux, float]
 
 
 @dataclass(frozen=True)
@@ -36,20 +41,26 @@ class PsiFitted:
 
     field : the field
     smoothing_length : ℓ [m], the candidate that predicts left-out blocks best
-    blocks : how many nearly independent blocks the standard errors rest on; none are given below 7
+    blocks : how many blocks of segments the standard errors rest on; none are given below 7
+    effective_blocks : how many independent ones these correlated ones are worth
     storage : largest part of the flow that gathers between the plug and a level, taken off before the fit
+    scatter : how far the runs' own fields lie apart, over what the standard errors let expect; None for a single run
     """
 
     field: Field
     smoothing_length: float
     blocks: int
+    effective_blocks: float
     storage: float
+    scatter: float | None
 
 
 def psi_field(
     parts: Sequence[Sums], inside_fraction: Array, plug: Plug, diameter: float, flow_scale: float = 1.0
 ) -> PsiFitted:
     """Fit ψ to the average of some segments, and to that of each block of them for the standard error.
+
+    Errors allow for the correlation that neighbouring blocks still have (`effective_samples`).
 
     Parameters
     ----------
@@ -63,27 +74,34 @@ def psi_field(
         raise DataError("the ψ fit takes its weights from how segments differ: average two segments or more")
     sums = merge(parts)
     raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
-    independent = blocks(parts) if len(parts) >= LEAST_BLOCKS else list(parts)
-    raw_se = _standard_errors([block.mean_flux for block in independent])
+    independent = blocks(parts, min(len(parts), BLOCKS))
+    run = np.array([block.run for block in independent])
+    raw_se, _ = _standard_errors([block.mean_flux for block in independent], run, sums.grid)
     if raw_se[1].max() < 1e-9 * np.abs(sums.mean_flux[1]).max():
         raise DataError("the segments do not differ at all: no standard error can be had from them")
     weights = _weights(raw_se, flowing_faces(raw.bulk, inside_fraction), sums.grid, diameter)
     roles = node_roles(inside_fraction, raw.bulk)
     steady = _Steady(sums, plug)
-    data = [(steady.flux(block), steady.plug_flow(block)) for block in independent]
-    fit = _best_fit(data, sums.grid, roles, weights, diameter)
+    long = blocks(parts, min(len(parts), LEAST_BLOCKS))  # short ones share noise with their neighbours
+    fit = _best_fit([steady.data(block) for block in long], sums.grid, roles, weights, diameter)
     psi = fit.solve(*steady.flux(sums), plug.solids_flow)
     flux_r, flux_z = flux_from_psi(psi, sums.grid)
     field = replace(raw, psi=psi, flux_r=flux_r, flux_z=flux_z)
+    fluxes = [flux_from_psi(fit.solve(*flux, flow), sums.grid) for flux, flow in map(steady.data, independent)]
+    se, effective = _standard_errors(fluxes, run, sums.grid)
     if len(parts) >= LEAST_BLOCKS:
-        se = _standard_errors([flux_from_psi(fit.solve(*flux, flow), sums.grid) for flux, flow in data])
         field = replace(field, raw_flux_r_se=raw_se[0], raw_flux_z_se=raw_se[1], flux_r_se=se[0], flux_z_se=se[1])
-    return PsiFitted(field, fit.smoothing_length, len(independent), steady.storage)
+    return PsiFitted(
+        field=field,
+        smoothing_length=fit.smoothing_length,
+        blocks=len(independent),
+        effective_blocks=effective,
+        storage=steady.storage,
+        scatter=_scatter(fluxes, run, se[1], sums.grid),
+    )
 
 
-def _best_fit(
-    data: Sequence[tuple[Flux, float]], grid: Grid, roles: Roles, weights: Weights, diameter: float
-) -> PsiFit:
+def _best_fit(data: Sequence[Data], grid: Grid, roles: Roles, weights: Weights, diameter: float) -> PsiFit:
     """The fit whose smoothing length predicts left-out blocks best; no more than two are held at a time."""
     best, least = None, np.inf
     for length in SMOOTHING_LENGTHS:
@@ -95,7 +113,7 @@ def _best_fit(
     return best
 
 
-def _prediction_error(fit: PsiFit, data: Sequence[tuple[Flux, float]], weights: Weights) -> float:
+def _prediction_error(fit: PsiFit, data: Sequence[Data], weights: Weights) -> float:
     """Weighted squares of what each block holds less what the fit to all others says: cross-validation.
 
     The noise of the block left out is in it, the same for every fit; what differs is the fit's own error.
@@ -136,9 +154,9 @@ class _Steady:
                 "are allowed; average later or longer"
             )
 
-    def plug_flow(self, sums: Sums) -> float:
-        """Solids flow in the plug [m³/s]."""
-        return float(level_flow(sums.mean_flux[1], sums.grid)[self._levels].mean())
+    def data(self, sums: Sums) -> Data:
+        """What ψ is fitted to: the flux, and the solids flow in the plug [m³/s]."""
+        return self.flux(sums), float(level_flow(sums.mean_flux[1], sums.grid)[self._levels].mean())
 
     def _excess(self, sums: Sums) -> Array:
         """(nz+1,) flow of each level beyond the plug's that the measured storage explains [m³/s]."""
@@ -155,9 +173,22 @@ class _Steady:
         )
 
 
-def _standard_errors(fluxes: Sequence[Flux]) -> Flux:
-    flux_r, flux_z = zip(*fluxes, strict=True)
-    return standard_error(np.array(flux_r)), standard_error(np.array(flux_z))
+def _standard_errors(fluxes: Sequence[Flux], run: NDArray[np.int64], grid: Grid) -> tuple[Flux, float]:
+    """Standard errors of the mean flux through every face, and how many independent blocks these are worth."""
+    flux_r, flux_z = (np.array(component) for component in zip(*fluxes, strict=True))
+    through = [flux_r * np.sqrt(grid.side_area), flux_z * np.sqrt(grid.ring_area)]
+    effective = effective_samples(np.concatenate([a.reshape(len(a), -1) for a in through], axis=1), run)
+    return (standard_error(flux_r, effective), standard_error(flux_z, effective)), effective
+
+
+def _scatter(fluxes: Sequence[Flux], run: NDArray[np.int64], se_z: Array, grid: Grid) -> float | None:
+    """√(Σ A s² / Σ A SE²) of the vertical flux, s the standard error that the means of the single runs tell."""
+    runs = np.unique(run)
+    if len(runs) < 2:
+        return None
+    flux_z = np.array([flux[1] for flux in fluxes])
+    between = standard_error(np.array([flux_z[run == one].mean(axis=0) for one in runs]))
+    return float(np.sqrt((between**2 @ grid.ring_area).sum() / (se_z**2 @ grid.ring_area).sum()))
 
 
 def _weights(se: Flux, faces: tuple[Mask, Mask], grid: Grid, diameter: float) -> Weights:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtr
 
 from granpipe.errors import DataError
@@ -13,7 +14,10 @@ from granpipe.field import Array, Grid, Mask
 from granpipe.homogenize.average import Sums, merge
 
 LEAST_BLOCKS = 7
+"""Fewer give no standard error."""
+
 _BATCH = 5  # MSER-5
+_MOST_CORRELATED = 1 / 3  # of the samples, as a correlation time: longer ones cannot be told from a trend
 
 
 def onset(*series: Array) -> int:
@@ -56,32 +60,50 @@ def _spread_of_rest(batches: Array, truncations: int) -> Array:
 
 
 def blocks(parts: Sequence[Sums], least: int = LEAST_BLOCKS) -> list[Sums]:
-    """Join neighbouring segments into the longest equal blocks that leave at least `least` of them.
+    """Join neighbouring segments of each run into the longest equal blocks that leave at least `least` of them.
 
-    Long blocks are nearly independent of each other; left-over segments at the beginning go into no block.
+    Long blocks are nearly independent of each other; left-over segments at the beginning of a run go into no block.
+    Ordered by run, then by time.
     """
     if len(parts) < least:
         raise DataError(f"{len(parts)} segments give no standard error; at least {least} are needed: average longer")
     ordered = sorted(parts, key=lambda part: part.start)
-    length = len(ordered) // least
-    first = len(ordered) % length
-    return [merge(ordered[at : at + length]) for at in range(first, len(ordered), length)]
+    runs = [[part for part in ordered if part.run == run] for run in sorted({part.run for part in ordered})]
+    length = next(n for n in range(len(ordered) // least, 0, -1) if sum(len(run) // n for run in runs) >= least)
+    return [merge(run[at : at + length]) for run in runs for at in range(len(run) % length, len(run), length)]
 
 
-def standard_error(values: Array) -> Array:
-    """Standard error of the mean of (blocks, …) values along the first axis."""
-    return np.asarray(values.std(axis=0, ddof=1) / np.sqrt(len(values)))
+def standard_error(values: Array, effective: float | None = None) -> Array:
+    """Standard error of the mean of (n, …) values along the first axis, worth `effective` independent ones (or n)."""
+    return np.asarray(values.std(axis=0) / np.sqrt((effective or len(values)) - 1))
 
 
-def effective_samples(parts: Sequence[Sums]) -> float:
-    """How many independent samples the average is worth: variance of single samples over that of their mean.
+def effective_samples(values: Array, run: NDArray[np.int64]) -> float:
+    """How many independent samples fix a mean as well as these n correlated ones: n/τ.
 
-    The median over all levels of their flow; the variance of the mean comes from blocks.
+    τ = 1 + 2 Σ (1 − k/n) ρ_k up to the first autocorrelation that is not positive (Geyer 1992, initial positive
+    sequence), of all columns together. Deviations from the samples' own mean lack that mean's variance, γ₀ τ/n, which is
+    given back.
+
+    Parameters
+    ----------
+    values : (n, m) samples of m quantities, scaled as they shall count, in the order of run and time
+    run : (n,) which run each sample is of; runs are independent
     """
-    flows = np.array([block.level_flow.mean(axis=0) for block in blocks(parts)])
-    single = merge(parts).level_flow.var(axis=0, ddof=1)
-    error = standard_error(flows)
-    return float(np.median(single[error > 0] / error[error > 0] ** 2)) if (error > 0).any() else np.inf
+    count = len(values)
+    deviation = values - values.mean(axis=0)
+    products = deviation @ deviation.T
+    same = run[:, None] == run
+    lagged = [np.diagonal(products, lag)[np.diagonal(same, lag)] for lag in range(count)]
+    covariance = np.array([pairs.mean() for pairs in lagged if pairs.size])
+    time = 1.0
+    for _ in range(30):
+        lost = covariance[0] * time / (count - time)
+        correlation = (covariance[1:] + lost) / (covariance[0] + lost)
+        positive = correlation[: int(np.argmax(np.append(correlation, -1.0) <= 0))]
+        longer = 1 + 2 * float(((1 - np.arange(1, len(positive) + 1) / count) * positive).sum())
+        time = min(longer, _MOST_CORRELATED * count)
+    return count / time
 
 
 def turnovers(sums: Sums, z_range: tuple[float, float]) -> float:

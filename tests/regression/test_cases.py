@@ -91,7 +91,7 @@ def test_the_smoke_case_flows_as_pinned_and_tells_what_its_average_is_worth(
 ) -> None:
     compare("dem", "smoke", ran("smoke", tmp_path, 0.10, 0.0, -0.02), request)
     figures = json.loads((tmp_path / "smoke" / "provenance.json").read_text())["figures"]
-    assert figures["effective_samples"] > 7
+    assert figures["effective_blocks"] > 7
     assert min(figures["turnovers"].values()) > 1
     assert 0 < figures["statistical_error"]["whole"] < 0.1
     assert set(figures["off_centre"]) == {"shaft", "hopper", "throat", "chamber"}

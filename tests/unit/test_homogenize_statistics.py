@@ -117,18 +117,37 @@ def test_blocks_see_the_error_that_correlated_samples_hide():
     assert told == pytest.approx(true, rel=0.15)
 
 
-def test_effective_samples_of_a_series_with_memory_are_what_its_correlation_says():
-    # n samples of memory m are worth n (1 − m)/(1 + m) independent ones
+@pytest.mark.parametrize(("memory", "count"), [(0.0, 30), (0.3, 30), (0.6, 60)])
+def test_effective_samples_of_a_series_with_memory_are_what_its_correlation_says(memory, count):
+    # the variance of the mean of n values with memory m: (1 + 2 Σ (1 − k/n) mᵏ)/n
     rng = np.random.default_rng(4)
-    counted = []
-    for _ in range(40):
-        series = autoregressive(rng, 700, 0.8)
-        parts = [
-            replace(part, level_flow=np.full((1, 3), value))
-            for part, value in zip(segments(series), series, strict=True)
-        ]
-        counted.append(effective_samples(parts))
-    assert np.median(counted) == pytest.approx(700 * 0.2 / 1.8, rel=0.35)
+    lag = np.arange(1, count)
+    true = count / (1 + 2 * ((1 - lag / count) * memory**lag).sum())
+    warmed = [[autoregressive(rng, count + 50, memory)[50:] for _ in range(40)] for _ in range(30)]
+    counted = [effective_samples(np.array(columns).T, np.zeros(count, dtype=int)) for columns in warmed]
+    assert np.median(counted) == pytest.approx(true, rel=0.1)
+
+
+def test_samples_of_different_runs_are_not_neighbours():
+    rng = np.random.default_rng(6)
+    values = np.concatenate([rng.normal(size=(20, 60)) + level * np.ones(60) for level in (0, 3)])
+    run = np.repeat([0, 1], 20)
+    swapped = np.argsort(np.arange(40) % 20, kind="stable")
+    assert effective_samples(values, np.zeros(40, dtype=int)) < 0.2 * 40
+    assert effective_samples(values[swapped], np.arange(40)) == pytest.approx(40)
+
+
+def test_the_standard_error_of_few_effective_samples_is_that_of_so_many():
+    values = np.repeat(np.random.default_rng(7).normal(size=25), 8)
+    assert standard_error(values, 25) == pytest.approx(standard_error(values[::8]), rel=1e-12)
+
+
+def test_blocks_never_join_two_runs():
+    parts = [replace(part, run=run) for run in (1, 0) for part in segments(range(10))]
+    made = blocks(parts)
+    assert [block.run for block in made] == sorted(block.run for block in made)
+    assert len(made) == 10
+    assert {block.weight for block in made} == {2}
 
 
 def test_a_trend_is_told_from_noise():

@@ -67,8 +67,18 @@ def test_snapshots_and_segments_follow_the_plates_travel(tiny: Path) -> None:
     dem = plan_of(tiny).dem
     travel = dem.plate_speed * dem.time_step
     assert travel * dem.dump_every == pytest.approx(0.1 * 0.02, rel=0.02)
-    assert dem.segment_steps == 5 * dem.dump_every
+    assert dem.segment_steps == dem.dump_every
     assert dem.duration == pytest.approx(1.2, rel=0.2)
+
+
+def test_a_long_run_has_longer_segments_but_no_more_of_them(tiny: Path) -> None:
+    dem = plan_of(tiny, dem__max_time="120", dem__reservoir_height="0.1").dem
+    assert dem.segments <= 256
+    assert dem.duration == pytest.approx(120, rel=0.02)
+
+
+def test_replicas_share_the_cores(tiny: Path) -> None:
+    assert plan_of(tiny, dem__replicas="1000").dem.ranks == 1
 
 
 def test_more_ranks_than_cores_are_refused(tiny: Path) -> None:

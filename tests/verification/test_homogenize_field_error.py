@@ -10,7 +10,6 @@ from granpipe.homogenize.assemble import paper_field
 from granpipe.homogenize.average import merge
 from granpipe.homogenize.conserve import measure_plug
 from granpipe.homogenize.psi_field import psi_field
-from granpipe.homogenize.statistics import blocks
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +64,7 @@ def test_nominal_intervals_hold_the_truth_as_often_as_they_say():
         parts = averaged(200 + seed, 84, 7)
         plug = measure_plug(merge(parts), INSIDE, PLUG, DIAMETER)
         fitted = psi_field(parts, INSIDE, plug, DIAMETER)
-        field, reach = fitted.field, stats.t.ppf(0.975, len(blocks(parts)) - 1)
+        field, reach = fitted.field, stats.t.ppf(0.975, fitted.effective_blocks - 1)
         pairs = {
             "raw": ((field.raw_flux_r, field.raw_flux_r_se), (field.raw_flux_z, field.raw_flux_z_se)),
             "final": ((field.flux_r, field.flux_r_se), (field.flux_z, field.flux_z_se)),
