@@ -40,7 +40,7 @@ def tiny(tmp_path: Path, tiny_text: str) -> Path:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--update", action="store_true", help="write the pinned figures of tests/regression anew")
-    parser.addoption("--inputs", type=int, default=1500, help="damaged inputs for each reader in tests/fuzz")
+    parser.addoption("--inputs", type=int, default=800, help="damaged inputs for each reader in tests/fuzz")
 
 
 @pytest.fixture

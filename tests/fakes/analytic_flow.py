@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 Array = NDArray[np.float64]
 
@@ -75,6 +74,8 @@ class ConvergingFlow:
         outside the vessel moves nothing. Balls are sampled at the same quasi-random offsets for all faces, at Gauss
         points of the faces. The vessel goes on straight below z = 0 and above `height`.
         """
+        from scipy.stats import qmc  # imported late: it takes a second, and the stand-in for LIGGGHTS needs none of it
+
         draws = qmc.Sobol(3, rng=1).random(samples)
         distance = radius * np.cbrt(draws[:, 0])
         cosine = 2 * draws[:, 1] - 1
@@ -112,6 +113,8 @@ class ConvergingFlow:
         -------
         position (n, 3), velocity (n, 3), radius (n,)
         """
+        from scipy.stats import qmc
+
         largest = float(np.max(radii))
         spread = 0.5 * largest  # of a normal shift: disorder among neighbours, evenness beyond, as in a packing
         low, high, reach = -largest - 4 * spread, self.height + largest + 4 * spread, self.upper_radius + 4 * spread

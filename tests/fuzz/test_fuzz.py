@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import gzip
 import re
-import resource
-import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fakes.analytic_flow import binary_snapshot, text_snapshot
+from fuzz.limits import HangError, bounded
 from fuzz.mutate import BINARY, TEXT, inputs
 
 from granpipe.case import read_case
@@ -21,33 +20,8 @@ from granpipe.errors import CaseError, DataError, GranpipeError
 from granpipe.plan import make_plan
 
 SEED = 20261122
-SECONDS = 5.0  # of processor time, for one input
-MEMORY = 300_000_000  # bytes that all inputs together may add
-
 CASES = Path(__file__).parents[2] / "cases"
 BOX = np.array([[-1.0, 1.0], [-1.0, 1.0], [0.0, 2.0]])
-
-
-class HangError(BaseException):
-    """Not an Exception: no reader may catch it."""
-
-
-@contextlib.contextmanager
-def bounded() -> Iterator[Callable[[], None]]:
-    """Limits on memory, for all, and on time, for each input: call what it yields before each."""
-
-    def hang(*_: object) -> None:
-        raise HangError(f"more than {SECONDS} s")
-
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    old_limit, old_handler = resource.getrlimit(resource.RLIMIT_AS), signal.signal(signal.SIGPROF, hang)
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY, old_limit[1]))
-    try:
-        yield lambda: signal.setitimer(signal.ITIMER_PROF, SECONDS) and None
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.signal(signal.SIGPROF, old_handler)
-        resource.setrlimit(resource.RLIMIT_AS, old_limit)
 
 
 def check_all(path: Path, damaged: Iterator[bytes], read: Callable[[Path], object], refusal: type[Exception]) -> int:
@@ -111,7 +85,9 @@ def test_compressed_dumps(tmp_path: Path, fuzz_inputs: int) -> None:
         assert check_all(tmp_path / f"{name}.gz", damaged, read_all, DataError) > 0.1 * fuzz_inputs
 
 
-def test_the_limits_are_at_work(tmp_path: Path) -> None:
+def test_the_limits_are_at_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fuzz.limits.SECONDS", 0.3)
+
     def hang(_: Path) -> None:
         while True:
             pass
