@@ -6,13 +6,14 @@ CASE ?= cases/reactor.yaml
 VENV := .venv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test verify benchmarks docs lock clean
+.PHONY: help setup run test verify fuzz benchmarks docs lock clean
 
 help:
 	@echo 'make setup       Debian packages that are missing, and the virtual environment .venv'
 	@echo 'make run         setup, then granpipe run $$(CASE) [$(CASE)]'
 	@echo 'make test        setup, then ruff, mypy and every test that is not slow'
-	@echo 'make verify      setup, then the slow tests'
+	@echo 'make verify      setup, then the slow tests, and fuzz'
+	@echo 'make fuzz        setup, then 100 000 damaged inputs for each reader'
 	@echo 'make benchmarks  setup, then everything in benchmarks/; writes docs/benchmarks*.md'
 	@echo 'make docs        makes docs/case.md anew, from the schema'
 	@echo 'make lock        makes requirements.lock anew, from the newest versions'
@@ -30,8 +31,11 @@ test: setup
 	$(VENV)/bin/mypy
 	$(VENV)/bin/python -m pytest -m 'not slow'
 
-verify: setup
+verify: setup fuzz
 	$(VENV)/bin/python -m pytest -m slow
+
+fuzz: setup
+	$(VENV)/bin/python -m pytest tests/fuzz --inputs 100000
 
 benchmarks: setup
 	$(VENV)/bin/python benchmarks/run.py
