@@ -53,7 +53,7 @@ class Grid:
         return cls(size * np.arange(columns + 1.0), np.linspace(z_min, z_max, rows + 1))
 
     @property
-    def shape(self) -> tuple[int, int]:
+    def shape(self) -> tuple[int, ...]:
         """(nz, nr)."""
         return len(self.z_edges) - 1, len(self.r_edges) - 1
 
@@ -83,9 +83,114 @@ class Grid:
         return np.asarray(2 * np.pi * self.r_edges * self.cell)
 
     @property
+    def turn(self) -> float:
+        """What the plane stands for: flow through a face is this times the difference of ψ between its ends."""
+        return 2 * np.pi
+
+    @property
+    def axial(self) -> bool:
+        """Whether the left edge is an axis."""
+        return True
+
+    @property
     def cell_volume(self) -> Array:
         """(nr,) volume of a cell [m³], the same in every row."""
         return np.asarray(self.ring_area * self.cell)
+
+    def stored(self) -> dict[str, Any]:
+        """The grid as arrays for a file; `restored` makes it again."""
+        return {"r_edges": self.r_edges, "z_edges": self.z_edges}
+
+    def name_of(self, flux: str) -> str:
+        """Name in a file of what the code calls ``flux_r`` and the like."""
+        return flux
+
+
+@dataclass(frozen=True)
+class Box(Grid):
+    """A uniform Cartesian grid, in the plane x–z of a vessel that is alike all along y, or in space.
+
+    What rings call r is x here. Arrays are indexed ``[iz, ix]`` in the plane, ``[iz, iy, ix]`` in space.
+
+    Parameters
+    ----------
+    r_edges : (nx+1,) edges along x [m]
+    y_edges : (ny+1,) edges along y [m]; in the plane both ends of the depth
+    flat : whether it lies in the plane
+    cut : whether the ends of the depth cut particles, which otherwise count wholly
+    """
+
+    y_edges: Array
+    flat: bool
+    cut: bool = True
+
+    @classmethod
+    def within(
+        cls, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], cell: float, flat: bool, cut: bool
+    ) -> Box:
+        """Grid that fills these ranges [m] exactly, with cells as near to `cell` [m] as that allows."""
+
+        def edges(ends: tuple[float, float], size: float) -> Array:
+            return np.linspace(*ends, max(1, round((ends[1] - ends[0]) / size)) + 1)
+
+        return cls(edges(x, cell), edges(z, cell), np.array(y) if flat else edges(y, cell), flat, cut)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(nz, nx) or (nz, ny, nx)."""
+        rows, columns = len(self.z_edges) - 1, len(self.r_edges) - 1
+        return (rows, columns) if self.flat else (rows, len(self.y_edges) - 1, columns)
+
+    @property
+    def _steps(self) -> tuple[float, float, float]:
+        """Edge lengths of a cell along x, y and z [m]."""
+        dx, dy, dz = (float(e[-1] - e[0]) / (len(e) - 1) for e in (self.r_edges, self.y_edges, self.z_edges))
+        return dx, dy, dz
+
+    @property
+    def ring_area(self) -> Array:
+        """(nx,) area of the horizontal face of a cell [m²]."""
+        dx, dy, _ = self._steps
+        return np.full(len(self.r_edges) - 1, dx * dy)
+
+    @property
+    def side_area(self) -> Array:
+        """(nx+1,) area of the face of a cell across x [m²]."""
+        _, dy, dz = self._steps
+        return np.full(len(self.r_edges), dy * dz)
+
+    @property
+    def front_area(self) -> float:
+        """Area of the face of a cell across y [m²]."""
+        dx, _, dz = self._steps
+        return dx * dz
+
+    @property
+    def turn(self) -> float:
+        """Depth [m]."""
+        return float(self.y_edges[-1] - self.y_edges[0])
+
+    @property
+    def axial(self) -> bool:
+        """No axis."""
+        return False
+
+    def stored(self) -> dict[str, Any]:
+        """The grid as arrays for a file."""
+        ends = {"flat": self.flat, "cut": self.cut}
+        return {"x_edges": self.r_edges, "y_edges": self.y_edges, "z_edges": self.z_edges} | ends
+
+    def name_of(self, flux: str) -> str:
+        """``flux_x`` for ``flux_r``."""
+        return flux.replace("flux_r", "flux_x")
+
+
+def restored(stored: dict[str, Any]) -> Grid:
+    """Take the arrays that `Grid.stored` gave out of what a file holds, and make the grid."""
+    if "x_edges" not in stored:
+        return Grid(stored.pop("r_edges"), stored.pop("z_edges"))
+    x, y, z = (stored.pop(f"{axis}_edges") for axis in "xyz")
+    return Box(x, z, y, bool(stored.pop("flat")), bool(stored.pop("cut")))
 
 
 @dataclass(frozen=True)
@@ -109,6 +214,7 @@ class Field:
     raw_flux_r, raw_flux_z : the plain average, before any adjustment [m/s]
     *_se : standard error of the like-named array [m/s]
     psi : (nz+1, nr+1) Stokes stream function of the final field [m³/s per radian], −φ_ref Φ/2π on the outer wall
+    flux_y : (nz, ny+1, nx) the final field of a grid in space [m/s]
     extra : what the case asks for beside, by name (`homogenize.fields`)
     """
 
@@ -128,6 +234,8 @@ class Field:
     raw_flux_r_se: Array | None = None
     raw_flux_z_se: Array | None = None
     psi: Array | None = None
+    flux_y: Array | None = None
+    flux_y_se: Array | None = None
     extra: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @property
@@ -138,14 +246,9 @@ class Field:
     def save(self, path: Path) -> None:
         """Write ``field.npz``: every array and scalar that is known, under its name in this class."""
         known = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("grid", "extra")}
-        np.savez_compressed(
-            path,
-            format_version=FORMAT_VERSION,
-            r_edges=self.grid.r_edges,
-            z_edges=self.grid.z_edges,
-            **{name: value for name, value in known.items() if value is not None},
-            **self.extra,
-        )
+        arrays = {self.grid.name_of(name): value for name, value in known.items() if value is not None}
+        everything: dict[str, Any] = {"format_version": FORMAT_VERSION} | self.grid.stored() | arrays | dict(self.extra)
+        np.savez_compressed(path, **everything)
 
     @classmethod
     def load(cls, path: Path) -> Field:
@@ -156,7 +259,8 @@ class Field:
             version = int(stored.pop("format_version"))
             if version != FORMAT_VERSION:
                 raise DataError(f"{path}: field format {version}; this granpipe reads {FORMAT_VERSION}: run again")
-            grid = Grid(stored.pop("r_edges"), stored.pop("z_edges"))
+            grid = restored(stored)
+            stored = {name.replace("flux_x", "flux_r"): value for name, value in stored.items()}
             extra = {name: stored.pop(name) for name in stored.keys() - {f.name for f in fields(cls)}}
             values = {name: float(value) if value.ndim == 0 else value for name, value in stored.items()}
             return cls(grid=grid, extra=extra, **values)  # type: ignore[arg-type]
@@ -167,25 +271,26 @@ class Field:
 def flux_from_psi(psi: Array, grid: Grid) -> tuple[Array, Array]:
     """Face fluxes of a stream function on the nodes: exactly divergence-free in every cell.
 
-    With u = −(1/r)∂ψ/∂z and w = (1/r)∂ψ/∂r, the flow through a face is 2π times the difference of ψ between its ends.
+    With u = −(1/r)∂ψ/∂z and w = (1/r)∂ψ/∂r, the flow through a face is 2π times the difference of ψ between its ends;
+    in the plane x–z, with u = −∂ψ/∂z and w = ∂ψ/∂x, it is the depth times that.
 
     Parameters
     ----------
-    psi : (nz+1, nr+1) [m³/s per radian], 0 on the axis
+    psi : (nz+1, nr+1) [m³/s per radian, or per metre of depth], 0 on the axis
 
     Returns
     -------
     flux_r, flux_z : (nz, nr+1), (nz+1, nr) [m/s]
     """
-    flux_r = np.zeros((psi.shape[0] - 1, psi.shape[1]))
-    flux_r[:, 1:] = -2 * np.pi * np.diff(psi, axis=0)[:, 1:] / grid.side_area[1:]
-    flux_z = 2 * np.pi * np.diff(psi, axis=1) / grid.ring_area
+    through_r, through_z = -grid.turn * np.diff(psi, axis=0), grid.turn * np.diff(psi, axis=1)
+    flux_r = np.divide(through_r, grid.side_area, out=np.zeros_like(through_r), where=grid.side_area > 0)
+    flux_z = through_z / grid.ring_area
     return flux_r, flux_z
 
 
 def level_flow(flux_z: Array, grid: Grid) -> Array:
     """(nz+1,) flow through each horizontal level [m³/s], positive downwards."""
-    return np.asarray(-(flux_z @ grid.ring_area))
+    return np.asarray(-(flux_z @ grid.ring_area).reshape(len(flux_z), -1).sum(axis=1))
 
 
 def cell_squares(flux_r: Array, flux_z: Array) -> Array:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granpipe.errors import DataError
-from granpipe.field import Array, Grid, Mask
+from granpipe.field import Array, Box, Grid, Mask, restored
 from granpipe.homogenize.deposit import Deposit, deposit, deposit_paths, empty_deposit
 
 Sampling = Literal["velocity", "displacement"]
@@ -91,6 +91,7 @@ class Sums:
     moments : (6, nz) Σ weight × V × (w, w cos θ, w sin θ, w cos 2θ, w sin 2θ, v_θ) of the particles with centres in
         each row, V their volume and θ their angle about the axis [m⁴/s · weight]; None in sums without
     run : which of several independent runs the segment is of
+    flow_y : (nz, ny+1, nx) of a grid in space Σ weight × solids flow along y [m³/s · weight]; otherwise None
     extra : more sums by name, Σ weight × value, as `Extra` gives them
     """
 
@@ -111,6 +112,7 @@ class Sums:
     count: Array
     moments: Array | None = None
     run: int = 0
+    flow_y: Array | None = None
     extra: Mapping[str, Array] = field(default_factory=dict)
 
     @property
@@ -121,8 +123,8 @@ class Sums:
     @property
     def mean_flux(self) -> tuple[Array, Array]:
         """Time-averaged solids flux (nz, nr+1), (nz+1, nr) over the whole faces [m/s]; 0 on the axis."""
-        flux_r = np.zeros_like(self.flow_r)
-        flux_r[:, 1:] = self.flow_r[:, 1:] / (self.weight * self.grid.side_area[1:])
+        area = self.grid.side_area
+        flux_r = np.divide(self.flow_r, self.weight * area, out=np.zeros_like(self.flow_r), where=area > 0)
         return flux_r, self.flow_z / (self.weight * self.grid.ring_area)
 
     @property
@@ -137,7 +139,7 @@ class Sums:
         }
         stored |= {_EXTRA + name: value for name, value in self.extra.items()}
         stored = {name: value for name, value in stored.items() if value is not None}
-        stored |= {"format_version": FORMAT_VERSION, "r_edges": self.grid.r_edges, "z_edges": self.grid.z_edges}
+        stored |= {"format_version": FORMAT_VERSION} | self.grid.stored()
         with path.open("wb") as file:
             np.savez(file, **stored)
 
@@ -149,7 +151,7 @@ class Sums:
                 stored = {name: data[name] for name in data.files}
             if int(stored.pop("format_version")) != FORMAT_VERSION:
                 raise DataError(f"{path}: segment sums of another version of granpipe; run again")
-            grid = Grid(stored.pop("r_edges"), stored.pop("z_edges"))
+            grid = restored(stored)
             extra = {name.removeprefix(_EXTRA): stored.pop(name) for name in list(stored) if name.startswith(_EXTRA)}
             values = {name: value.item() if value.ndim == 0 else value for name, value in stored.items()}
             return cls(grid=grid, extra=extra, **values)
@@ -171,8 +173,7 @@ def merge(parts: Sequence[Sums]) -> Sums:
                 f"segments on different grids do not merge: {_describe(first.grid)}; {_describe(part.grid)}"
             )
     added = ["duration", "weight", "volume", "flow_r", "flow_z", "gain"]
-    if all(part.moments is not None for part in ordered):
-        added.append("moments")
+    added += [name for name in ("moments", "flow_y") if all(getattr(part, name) is not None for part in ordered)]
     joined = ("time", "level_flow", "solids", "kinetic", "count")
     values = {name: sum(getattr(part, name) for part in ordered) for name in added}
     values |= {name: np.concatenate([getattr(part, name) for part in ordered]) for name in joined}
@@ -196,12 +197,12 @@ def _added_extras(parts: Sequence[Sums]) -> dict[str, Array]:
 
 
 def _same_grid(one: Grid, other: Grid) -> bool:
-    return np.array_equal(one.r_edges, other.r_edges) and np.array_equal(one.z_edges, other.z_edges)
+    mine, yours = one.stored(), other.stored()
+    return mine.keys() == yours.keys() and all(np.array_equal(mine[name], yours[name]) for name in mine)
 
 
 def _describe(grid: Grid) -> str:
-    rows, columns = grid.shape
-    return f"{rows}×{columns} cells of {grid.cell:g} m from z = {grid.z_edges[0]:g} m"
+    return f"{'×'.join(map(str, grid.shape))} cells of {grid.cell:g} m from z = {grid.z_edges[0]:g} m"
 
 
 class Collector:
@@ -239,7 +240,7 @@ class Collector:
         self._first = self._last
         self._first_volume = self._last_volume
         self._sum = empty_deposit(self.grid)
-        self._moments = np.zeros((6, self.grid.shape[0]))
+        self._moments = None if isinstance(self.grid, Box) else np.zeros((6, self.grid.shape[0]))
         self._extra: dict[str, Array] = {}
         self._weight = 0.0
         self._series: list[tuple[float, Array, float, float, int]] = []
@@ -306,9 +307,10 @@ class Collector:
         z_edges, place = self.grid.z_edges, sample.position
         within = (place[:, 2] >= z_edges[0]) & (place[:, 2] < z_edges[-1])
         position, velocity, volume = place[within], sample.velocity[within], 4 / 3 * np.pi * sample.radius[within] ** 3
-        self._moments += weight * _row_moments(position, velocity, volume, self.grid)
+        if self._moments is not None:
+            self._moments += weight * _row_moments(position, velocity, volume, self.grid)
         energy = 0.5 * volume @ (velocity**2).sum(axis=1)
-        flow = -deposited.flow_z.sum(axis=1)
+        flow = -deposited.flow_z.reshape(len(z_edges), -1).sum(axis=1)
         self._series.append((time, flow, float(deposited.volume.sum()), float(energy), len(volume)))
         return deposited
 
@@ -340,6 +342,7 @@ class Collector:
             kinetic=kinetic,
             count=count,
             moments=self._moments,
+            flow_y=self._sum.flow_y if self._sum.flow_y.size else None,
             extra=self._extra,
         )
         self._last_volume = stop_volume

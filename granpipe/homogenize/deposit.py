@@ -1,4 +1,4 @@
-"""Spheres → (r, z) grid: the exact volume of every sphere in every ring, and its flow through the rings' faces.
+"""Spheres → grid: the exact volume of every sphere in every ring, and its flow through the rings' faces.
 
 A slice through a sphere is a disc of radius s at axis distance D. The part of the disc within radius R of the axis is
 the lens of two circles; cells take differences of it in R, integrated over their height by Gauss–Legendre. The area
@@ -7,21 +7,22 @@ of the whole disc is quadratic in z, so two points already keep the sphere's vol
 The flow is staggered: through z-faces v_z times the lens differences at the face's height, through r-faces the local
 radial component of the sphere's velocity, v_r cos φ, over the arc of the circle R inside the disc. Both are the exact
 rate of change of the deposited volume, up to quadrature in z: ∂V/∂t + ∇·flow = 0 cell by cell.
+
+Cartesian cells (`granpipe.homogenize.deposit_box`) cut the same discs into rectangles.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from granpipe.field import Array, Grid, Mask
-
-Index = NDArray[np.int64]
+from granpipe.field import Array, Box, Grid, Mask
+from granpipe.homogenize.deposit_box import add_to_boxes
+from granpipe.homogenize.slices import Index, disc_radius, floor, gauss, levels, lots, slab_points, spans
 
 _LEAST_DISTANCE = 1e-30
 _LEAST_K2 = 1e-200  # root far below the least distance
@@ -32,14 +33,16 @@ _CHUNK = 1 << 15  # lens evaluations at a time: bounds the memory, and fits the 
 class Deposit(NamedTuple):
     """Solids on a grid.
 
-    volume : (nz, nr) solids in each cell [m³]
-    flow_r : (nz, nr+1) solids flow through the cylindrical faces, positive outwards [m³/s]
+    volume : (nz, nr) solids in each cell [m³]; in space (nz, ny, nx)
+    flow_r : (nz, nr+1) solids flow through the cylindrical faces, positive outwards, or through those across x [m³/s]
     flow_z : (nz+1, nr) solids flow through the horizontal faces, positive upwards [m³/s]
+    flow_y : (nz, ny+1, nx) in space solids flow through the faces across y [m³/s]; otherwise empty
     """
 
     volume: Array
     flow_r: Array
     flow_z: Array
+    flow_y: Array = np.zeros(0)
 
 
 def deposit(position: Array, radius: Array, velocity: Array, grid: Grid, points: int = 3, threads: int = 1) -> Deposit:
@@ -58,13 +61,21 @@ def deposit(position: Array, radius: Array, velocity: Array, grid: Grid, points:
     threads : cores to use
     """
     touching = (position[:, 2] + radius > grid.z_edges[0]) & (position[:, 2] - radius < grid.z_edges[-1])
-    spheres = _cylindrical(position[touching], radius[touching], velocity[touching])
+    parts = np.array_split(np.flatnonzero(touching), threads)
+
+    def one(those: Index) -> Deposit:
+        spheres = position[those], radius[those], velocity[those]
+        if isinstance(grid, Box):
+            total = empty_deposit(grid)
+            add_to_boxes(*spheres, grid, points, *total)
+            return total
+        return _deposited(_cylindrical(*spheres), grid, points)
+
     if threads == 1:
-        return _deposited(spheres, grid, points)
-    lots = [spheres.chosen(lot) for lot in np.array_split(np.arange(len(spheres.z)), threads)]
+        return one(parts[0])
     with ThreadPoolExecutor(threads) as pool:
-        parts = list(pool.map(lambda lot: _deposited(lot, grid, points), lots))
-    return Deposit(*(np.sum(arrays, axis=0) for arrays in zip(*parts, strict=True)))
+        found = list(pool.map(one, parts))
+    return Deposit(*(np.sum(arrays, axis=0) for arrays in zip(*found, strict=True)))
 
 
 def _deposited(spheres: _Spheres, grid: Grid, points: int) -> Deposit:
@@ -83,8 +94,11 @@ def _deposited(spheres: _Spheres, grid: Grid, points: int) -> Deposit:
 
 def empty_deposit(grid: Grid) -> Deposit:
     """Zeros, to add to."""
-    rows, columns = grid.shape
-    return Deposit(np.zeros((rows, columns)), np.zeros((rows, columns + 1)), np.zeros((rows + 1, columns)))
+    rows, *across, columns = grid.shape
+    flow_y = np.zeros((rows, across[0] + 1, columns)) if across else np.zeros(0)
+    return Deposit(
+        np.zeros(grid.shape), np.zeros((rows, *across, columns + 1)), np.zeros((rows + 1, *across, columns)), flow_y
+    )
 
 
 def deposit_paths(
@@ -121,7 +135,7 @@ def deposit_paths(
     for number in np.unique(numbers):
         chosen = numbers == number
         begin, way = start[chosen], path[chosen]
-        for node, weight in zip(*_gauss(int(number)), strict=True):
+        for node, weight in zip(*gauss(int(number)), strict=True):
             part = deposit(begin + 0.5 * (1 + node) * way, radius[chosen], way / duration, grid, points, threads)
             for array, added in zip(total, part, strict=True):
                 array += 0.5 * weight * added
@@ -157,13 +171,6 @@ def _cylindrical(position: Array, radius: Array, velocity: Array) -> _Spheres:
 
 
 @cache
-def _gauss(points: int) -> tuple[Array, Array]:
-    """Nodes and weights of Gauss–Legendre quadrature on −1 … 1."""
-    node, weight = np.polynomial.legendre.leggauss(points)
-    return node, weight
-
-
-@cache
 def _kernel() -> Callable[[_Spheres, Grid, int, Deposit], None]:
     """The compiled kernel where numba is installed, otherwise numpy's."""
     try:
@@ -177,73 +184,29 @@ def _add_compiled(spheres: _Spheres, grid: Grid, points: int, total: Deposit) ->
     """Add spheres to the deposit, with the same number of Gauss points for all."""
     from granpipe.homogenize.deposit_numba import add
 
-    add(*spheres, grid.r_edges, grid.z_edges, *_gauss(points), *total)
+    add(*spheres, grid.r_edges, grid.z_edges, *gauss(points), *total[:3])
 
 
 def _add(spheres: _Spheres, grid: Grid, points: int, total: Deposit) -> None:
     """The same by numpy alone."""
-    gauss = _gauss(points)
-    for chunk in _chunks(spheres, grid, points):
-        lot = spheres.chosen(chunk)
-        owner, row, height, weight = _slab_points(lot, grid, gauss)
-        arc_weight = weight * lot.radial_velocity[owner]
-        first, parts, arcs = _ring_parts(_slices(lot, owner, row, height), grid, weight, arc_weight)
+    across = 2 * spheres.radius / grid.cell + 1
+    cost = np.minimum(across, grid.shape[0]) * (points + 1) * np.minimum(across, grid.shape[1])
+    for lot in lots(spheres.z, cost, _CHUNK):
+        some = spheres.chosen(lot)
+        owner, row, height, weight = slab_points(some.z, some.radius, grid, points)
+        arc_weight = weight * some.radial_velocity[owner]
+        first, parts, arcs = _ring_parts(_slices(some, owner, row, height), grid, weight, arc_weight)
         total.volume[first : first + len(parts)] += parts
         total.flow_r[first : first + len(arcs)] += arcs
-        owner, level = _levels(lot, grid)
-        slices = _slices(lot, owner, level, grid.z_edges[level])
-        first, parts, _ = _ring_parts(slices, grid, lot.vertical_velocity[owner])
+        owner, level = levels(some.z, some.radius, grid)
+        slices = _slices(some, owner, level, grid.z_edges[level])
+        first, parts, _ = _ring_parts(slices, grid, some.vertical_velocity[owner])
         total.flow_z[first : first + len(parts)] += parts
-
-
-def _chunks(spheres: _Spheres, grid: Grid, points: int) -> Iterator[Index]:
-    """Yield indices of the spheres from below, so that a lot fills few rows, in lots of about `_CHUNK` evaluations."""
-    order = np.argsort(spheres.z)
-    across = 2 * spheres.radius[order] / grid.cell + 1
-    cost = np.minimum(across, grid.shape[0]) * (points + 1) * np.minimum(across, grid.shape[1])
-    lot = (np.cumsum(cost) / _CHUNK).astype(np.int64)
-    yield from np.split(order, np.flatnonzero(np.diff(lot)) + 1) if len(order) else ()
 
 
 def _slices(spheres: _Spheres, owner: Index, row: Index, height: Array) -> _Slices:
     """Discs of the spheres `owner` at heights [m]."""
-    square = spheres.radius[owner] ** 2 - (height - spheres.z[owner]) ** 2
-    return _Slices(row, spheres.distance[owner], np.sqrt(np.maximum(square, 0)))
-
-
-def _spans(first: Index, last: Index) -> tuple[Index, Index]:
-    """All (owner, value) with first ≤ value ≤ last of each owner, as two flat arrays."""
-    count = np.maximum(last - first + 1, 0)
-    owner = np.repeat(np.arange(len(first)), count)
-    start = np.cumsum(count) - count
-    return owner, np.arange(len(owner)) + (first - start)[owner]
-
-
-def _slab_points(spheres: _Spheres, grid: Grid, gauss: tuple[Array, Array]) -> tuple[Index, Index, Array, Array]:
-    """Gauss points of every sphere in every row that it touches: owner, row, height and weight [m]."""
-    low, high = spheres.z - spheres.radius, spheres.z + spheres.radius
-    owner, row = _spans(
-        np.maximum(_floor((low - grid.z_edges[0]) / grid.cell), 0),
-        np.minimum(_floor((high - grid.z_edges[0]) / grid.cell), grid.shape[0] - 1),
-    )
-    start = np.maximum(grid.z_edges[row], low[owner])
-    half = 0.5 * np.maximum(np.minimum(grid.z_edges[row + 1], high[owner]) - start, 0)
-    node, weight = gauss
-    height = (start + half)[:, None] + half[:, None] * node
-    return np.repeat(owner, len(node)), np.repeat(row, len(node)), height.ravel(), (half[:, None] * weight).ravel()
-
-
-def _levels(spheres: _Spheres, grid: Grid) -> tuple[Index, Index]:
-    """Every level that cuts a sphere: (owner, level)."""
-    bottom, cell = grid.z_edges[0], grid.cell
-    return _spans(
-        np.maximum(_floor((spheres.z - spheres.radius - bottom) / cell) + 1, 0),
-        np.minimum(_floor((spheres.z + spheres.radius - bottom) / cell), grid.shape[0]),
-    )
-
-
-def _floor(values: Array) -> Index:
-    return np.floor(values).astype(np.int64)
+    return _Slices(row, spheres.distance[owner], disc_radius(spheres.z[owner], spheres.radius[owner], height))
 
 
 def _ring_parts(
@@ -269,14 +232,14 @@ def _ring_parts(
     base = (row - first_row) * edges
     # a centre inside the outermost radius keeps its disc: the outermost edge then does not cut it
     outermost = np.where(grid.r_edges[-1] >= D, edges - 2, edges - 1)
-    first = np.maximum(_floor((D - s) / cell) + 1, 1)
-    last = np.minimum(_floor((D + s) / cell), outermost)
+    first = np.maximum(floor((D - s) / cell) + 1, 1)
+    last = np.minimum(floor((D + s) / cell), outermost)
     whole = np.where(first < edges, weight * np.pi * s**2, 0)  # otherwise the disc lies outside the grid
 
     def scatter(at: Index, amount: Array) -> Array:
         return np.asarray(np.bincount(at, amount, shape[0] * edges).reshape(shape), dtype=float)
 
-    owner, edge = _spans(first, last)
+    owner, edge = spans(first, last)
     area, chord = _lens(grid.r_edges[edge], D[owner], s[owner])
     at = base[owner] + edge
     parts = np.diff(scatter(at, weight[owner] * area), axis=1) + scatter(base + last, whole)[:, :-1]

@@ -9,6 +9,8 @@ with s the statistical error of the data (a smooth model of it), δ² second dif
 and voids, where the flux changes over a fraction of a particle. ψ is 0 on the axis and on what touches it, the wall's
 value on the outer wall and on all that is connected to it (obstacles, cavities, the void over a free surface), and an
 unknown constant on each body that touches neither.
+
+In the plane x–z the left wall takes the part of the axis, but nothing goes on beyond it as a mirror image.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ def node_roles(inside_fraction: Array, bulk: Mask) -> Roles:
     if at_wall & at_axis:
         row = int(np.flatnonzero(np.isin(label[:, 0], list(at_wall)))[0])
         raise DataError(
-            f"no passage between axis and wall at row {row} of the grid: blocked, or cells too large for it"
+            f"no passage for the flow at row {row} of the grid: blocked all across, or cells too large for it"
         )
     bodies = [body for body in range(1, count + 1) if body not in at_wall | at_axis]
     roles = np.zeros(count + 1, dtype=np.int64)
@@ -106,10 +108,11 @@ class PsiFit:
         self._unknowns = _unknowns(roles)
         flux = _flux_operators(grid)
         far = _far_faces(roles, grid, clearance)
+        mirrors = (-1, 1) if grid.axial else (0, 0)
         stiffness = (smoothing_length / grid.cell) ** 4
         matrix = sparse.csr_matrix((roles.size, roles.size))
         self._data = []
-        for operator, weight, smooth_faces, mirror in zip(flux, (weights.r, weights.z), far, (-1, 1), strict=True):
+        for operator, weight, smooth_faces, mirror in zip(flux, (weights.r, weights.z), far, mirrors, strict=True):
             diagonal = sparse.diags_array(weight.ravel())
             self._data.append(operator.T @ diagonal)
             matrix += operator.T @ diagonal @ operator
@@ -128,21 +131,23 @@ class PsiFit:
     def solve(self, flux_r: Array, flux_z: Array, solids_flow: float) -> Array:
         """(nz+1, nr+1) ψ of the solids flux [m³/s per radian] for data (nz, nr+1), (nz+1, nr) [m/s].
 
-        `solids_flow` [m³/s, positive downwards] passes every level: ψ = −solids_flow/2π on the wall.
+        `solids_flow` [m³/s, positive downwards] passes every level: ψ = −solids_flow/2π on the wall (over the depth in
+        the plane x–z).
         """
         expand, wall_part = self._unknowns
-        wall = -solids_flow / (2 * np.pi)
+        wall = -solids_flow / self.grid.turn
         load = expand.T @ (self._data[0] @ flux_r.ravel() + self._data[1] @ flux_z.ravel()) - wall * self._wall_load
         return np.asarray(expand @ self._factor.solve(load) + wall * wall_part).reshape(self._shape)
 
 
 def _flux_operators(grid: Grid) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
     """Nodes → faces, as `granpipe.field.flux_from_psi`: F_r = −2π Δ_z ψ / side area, F_z = 2π Δ_r ψ / ring area."""
+    turn = grid.turn
     rows, columns = grid.shape
     inverse_side = np.divide(1, grid.side_area, out=np.zeros(columns + 1), where=grid.side_area > 0)
-    along_z = sparse.kron(_difference(rows + 1), sparse.diags_array(-2 * np.pi * inverse_side))
+    along_z = sparse.kron(_difference(rows + 1), sparse.diags_array(-turn * inverse_side))
     along_r = sparse.kron(
-        sparse.eye_array(rows + 1), sparse.diags_array(2 * np.pi / grid.ring_area) @ _difference(columns + 1)
+        sparse.eye_array(rows + 1), sparse.diags_array(turn / grid.ring_area) @ _difference(columns + 1)
     )
     return sparse.csr_matrix(along_z), sparse.csr_matrix(along_r)
 
@@ -154,11 +159,10 @@ def _difference(count: int) -> sparse.dia_array:
 
 def _far_faces(roles: Roles, grid: Grid, clearance: float) -> tuple[Mask, Mask]:
     """Faces (nz, nr+1), (nz+1, nr) farther than `clearance` [m] from every node of wall, void and body."""
-    solid = roles >= WALL
-    solid[:, 0] = roles[:, 0] > AXIS
-    on_axis = roles == AXIS
-    on_axis[:, 0] = on_axis[:, 1]  # the axis itself is no wall, but what stands on it is
-    distance = ndimage.distance_transform_edt(~(solid | on_axis)) * grid.cell
+    known = roles != FREE
+    if grid.axial:  # the axis itself is no wall, but what stands on it is
+        known[:, 0] = (roles[:, 0] > AXIS) | (roles[:, 1] == AXIS)
+    distance = ndimage.distance_transform_edt(~known) * grid.cell
     return (
         0.5 * (distance[1:] + distance[:-1]) > clearance,
         0.5 * (distance[:, 1:] + distance[:, :-1]) > clearance,
@@ -169,7 +173,7 @@ def _second_differences(smooth: Mask, mirror: int) -> list[tuple[sparse.csr_matr
     """Operators faces → F_rr, F_zz (counted once) and F_rz (twice); only those all of whose faces are in `smooth`.
 
     Across the axis the field goes on as its mirror image: F_z stands half a cell off it and is even (`mirror` = 1),
-    F_r stands on it, is odd, and its F_rr vanishes there.
+    F_r stands on it, is odd, and its F_rr vanishes there. Without an axis `mirror` is 0.
     """
     rows, columns = smooth.shape
     bend_r = _bend(columns).tolil()

@@ -43,7 +43,7 @@ def seen_packing(volume: Array, inside_fraction: Array, grid: Grid, diameter: fl
     window = 2 * max(1, round(0.25 * diameter / grid.cell)) + 1
     solids = ndimage.uniform_filter(volume, window, mode="constant")
     space = ndimage.uniform_filter(inside_fraction * grid.cell_volume, window, mode="constant")
-    return np.divide(solids, space, out=np.zeros_like(solids), where=inside_fraction > 0)
+    return np.asarray(np.divide(solids, space, out=np.zeros_like(solids), where=inside_fraction > 0))
 
 
 def _specks(mask: Mask, least: float) -> Mask:

@@ -148,7 +148,7 @@ def test_deposit_is_linear_in_the_velocity():
 
 def test_no_particles_give_an_empty_deposit():
     result = deposit(np.empty((0, 3)), np.empty(0), np.empty((0, 3)), GRID)
-    assert [array.shape for array in result] == [(60, 40), (60, 41), (61, 40)]
+    assert [array.shape for array in result] == [(60, 40), (60, 41), (61, 40), (0,)]
     assert not any(array.any() for array in result)
 
 
