@@ -35,10 +35,13 @@ def plan_case(file: CaseFile) -> Plan:
         raise file.places.explain(error) from None
 
 
-def run_case(file: CaseFile, results: Path, progress: Progress) -> Outcome:
-    """Run a case into ``results/<name>``; stages that are done are not repeated."""
+def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | None = None) -> Outcome:
+    """Run a case into ``results/<name>``; stages that are done are not repeated.
+
+    `store` holds the stages; ``results/.store`` does unless given.
+    """
     begun = time.monotonic()
-    folder, store = results / file.case.name, Store(results / ".store")
+    folder, store = results / file.case.name, store or Store(results / ".store")
     plan = plan_case(file)
     tools = library_versions()
     if plan.settings is not None or plan.parts:

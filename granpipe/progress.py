@@ -29,3 +29,22 @@ class Silent:
 
     def note(self, text: str) -> None:
         pass
+
+
+class Both:
+    """Two that watch."""
+
+    def __init__(self, one: Progress, other: Progress) -> None:
+        self._watching = one, other
+
+    def stage(self, name: str, detail: str = "") -> None:
+        for progress in self._watching:
+            progress.stage(name, detail)
+
+    def update(self, fraction: float, text: str) -> None:
+        for progress in self._watching:
+            progress.update(fraction, text)
+
+    def note(self, text: str) -> None:
+        for progress in self._watching:
+            progress.note(text)

@@ -1,41 +1,35 @@
 """The DEM stages: walls, settle, produce. Each leaves a folder in the store; production is a chain of segments.
 
-LIGGGHTS runs on from segment to segment. At each boundary the sums over the segment's snapshots and the restart file
-appear together, by one rename, and the snapshots are gone: the disk never holds more than a few of them. Running again
-continues after the last segment whose restart file is whole. Replicas are the same case with other seeds: chains of
-their own, side by side, judged together.
+Replicas are the same case with other seeds: chains of their own, side by side, judged together.
 """
 
 from __future__ import annotations
 
-import os
-import shutil
-import time
-from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from granpipe.chain import Chain, Judge, Together, copy_walls, limits_of, load_sums, write_hashes
+from granpipe.cores import usable_cores
 from granpipe.dem.deck import DUMP_COLUMNS, Deck, make_deck, render
-from granpipe.dem.dump import Snapshot, is_complete, read_snapshot
+from granpipe.dem.dump import Snapshot, read_snapshot
+from granpipe.dem.health import FillingHealth
 from granpipe.dem.run import Liggghts, Status
-from granpipe.errors import RunError
 from granpipe.geometry.walls import build_walls
-from granpipe.homogenize.average import Collector, Sums
+from granpipe.homogenize.average import Sums
 from granpipe.jsonfile import read_json, write_json
 from granpipe.plan import Plan
 from granpipe.progress import Progress
-from granpipe.store import Store, check_space, digest, key_of, publishing
+from granpipe.store import Store, digest, evidence_kept, key_of
 from granpipe.study.pool import Task, run_together
 
 REPOSE = np.radians(30)
 """Angle of repose that limits where filling can reach; only the first bed depends on it."""
 
-_KEPT_RESTARTS = 2
-_AT_ONCE = 8  # snapshots
-_VERSION = 2
+_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -70,34 +64,6 @@ class Production:
         return [read_json(segment / "segment.json") for segment in self.segments]
 
 
-def load_sums(segment: Path, run: int) -> Sums:
-    """The sums of a published segment."""
-    return replace(Sums.load(segment / "sums.npz"), run=run)
-
-
-@dataclass(frozen=True)
-class Standing:
-    """How good the average of a run in progress is.
-
-    errors : section → statistical error of the final field, the whole included; empty while it is not known
-    enough : the case is content
-    missing : simulated time [s] that is still missing, for all replicas together; None if nothing can be said
-    """
-
-    errors: dict[str, float] = field(default_factory=dict)
-    enough: bool = False
-    missing: float | None = None
-
-    def __str__(self) -> str:
-        if not self.errors:
-            return "error not known yet"
-        sections = ", ".join(f"{name} {100 * e:.2g}" for name, e in self.errors.items() if name != "whole")
-        return f"error {100 * self.errors['whole']:.2g} % ({sections})"
-
-
-Judge = Callable[[Sequence[Sums]], Standing]
-
-
 def simulate(
     plan: Plan, store: Store, tools: dict[str, str], progress: Progress, judge: Judge
 ) -> tuple[Production, ...]:
@@ -109,7 +75,7 @@ def simulate(
     if not all(run.chain.complete for run in runs):
         together.look()
     tasks = (Task(run.name("DEM"), plan.dem.ranks, run.work(together)) for run in runs)
-    run_together(tasks, len(os.sched_getaffinity(0)))
+    run_together(tasks, usable_cores())
     return tuple(run.production() for run in runs if run.chain.published())
 
 
@@ -160,7 +126,7 @@ class _Run:
         settled, grid = store.folder("settle", self.settle_key), plan.grid
         part = {"deck": produce, "settled": settled.name, "cell": grid.cell, "z": [grid.z_edges[0], grid.z_edges[-1]]}
         self.chain_key = key_of("produce", _VERSION, part)
-        self.chain = Chain(store.folder("produce", self.chain_key), self.plan, settled, produce, number)
+        self.chain = Chain(store.folder("produce", self.chain_key), self.plan, settled, self.deck, number)
 
     def name(self, stage: str) -> str:
         """The stage's name, with the replica's number where there are several."""
@@ -175,6 +141,10 @@ class _Run:
             self.progress.stage(self.name("produce"), "done before")
             return
         with self.store.lock("produce", self.chain_key):
+            together.renew(self.number, self.chain.sums())  # another process may have been at it until now
+            together.look()
+            if self.chain.complete or together.enough:
+                return
             yield from self.chain.run(self.walls, together, self.name("produce"), self.progress)
 
     def production(self) -> Production:
@@ -188,18 +158,25 @@ class _Run:
 
     def _fill(self, folder: Path) -> Iterator[None]:
         settings = self.plan.dem
-        _copy_walls(self.walls, folder)
+        copy_walls(self.walls, folder)
         (folder / "fill.in").write_text(self.fill)
+        health = FillingHealth(settings, self.plan.case)
+        limits = limits_of(
+            self.deck, self.plan, self.deck.chunk_steps * (self.deck.fill_chunks + self.deck.settle_chunks)
+        )
         status = Status()
-        with Liggghts("fill.in", folder, settings.ranks, {}) as process:
-            for status in process.wait():
+        with (
+            evidence_kept(folder, self.store.folder("evidence", self.settle_key)),
+            Liggghts("fill.in", folder, settings.ranks, {}, limits) as process,
+        ):
+            for status in process.wait(health.row):
                 share = min(1.0, status.particles / settings.particles)
                 rest = "" if status.message != "full" else ", settling"
                 self.progress.update(share, f"{status.particles} particles{rest}")
                 yield
         bed = read_snapshot(folder / "settled.bin", DUMP_COLUMNS)
-        _check_balance(status.inserted, 0, len(bed), "filling")
         write_json(folder / "settle.json", _settle_report(status, bed, self.deck))
+        write_hashes(folder, "settled.bin", "settled.restart")
         for path in folder.glob("*.stl"):
             path.unlink()
 
@@ -231,240 +208,5 @@ def _settle_report(status: Status, bed: Snapshot, deck: Deck) -> dict[str, Any]:
     }
 
 
-class Together:
-    """What the replicas of a case share while they run: the sums so far, and whether their average is good enough.
-
-    The judge is asked when there are a good part more segments than at the last time: it takes about a second.
-    """
-
-    _MORE = 1.08
-
-    def __init__(self, judge: Judge, parts: Sequence[Sums]) -> None:
-        self._judge, self._parts, self._next = judge, list(parts), 0.0
-        self.standing = Standing()
-
-    def add(self, sums: Sums) -> None:
-        """Take in a new segment of one of the runs."""
-        self._parts.append(sums)
-        self.look()
-
-    def renew(self, run: int, parts: Iterator[Sums]) -> None:
-        """Take these for all that there is of one of the runs: a damaged segment may have been dropped."""
-        self._parts = [sums for sums in self._parts if sums.run != run] + list(parts)
-
-    def look(self) -> None:
-        """Judge what there is, if it is enough more than before."""
-        if len(self._parts) >= self._next:
-            self._next = self._MORE * len(self._parts)
-            self.standing = self._judge(self._parts)
-
-    @property
-    def enough(self) -> bool:
-        """No run need go on."""
-        return self.standing.enough
-
-
-class Chain:
-    """Production in segments, in a folder of the store.
-
-    Parameters
-    ----------
-    folder : of the chain
-    settled : folder of the bed that it starts from
-    deck : text of the LIGGGHTS deck
-    number : which of the replicas it is
-    """
-
-    def __init__(self, folder: Path, plan: Plan, settled: Path, deck: str, number: int = 0) -> None:
-        self.folder, self.plan, self.settled, self.deck, self.number = folder, plan, settled, deck, number
-        self.settings = plan.dem
-
-    def published(self) -> list[Path]:
-        """Folders of the segments that are done, in order, up to the first that is missing."""
-        found: list[Path] = []
-        while len(found) < self.settings.segments and (path := self._segment(len(found) + 1)).is_dir():
-            found.append(path)
-        return found
-
-    @property
-    def complete(self) -> bool:
-        """Nothing is left to do, whatever the target."""
-        return self._segment(self.settings.segments).is_dir()
-
-    def sums(self) -> Iterator[Sums]:
-        """The sums of the segments that are done."""
-        return (load_sums(segment, self.number) for segment in self.published())
-
-    def _segment(self, number: int) -> Path:
-        return self.folder / f"segment-{number:05d}"
-
-    def run(self, walls: Path, together: Together, stage: str, progress: Progress) -> Iterator[None]:
-        """Run LIGGGHTS from the last good restart file to the last segment, or until the average is good enough."""
-        done, restart = self._resume_point()
-        together.renew(self.number, self.sums())
-        progress.stage(stage, f"continues after segment {done} of {self.settings.segments}" if done else "")
-        work = self.folder / "work"
-        shutil.rmtree(work, ignore_errors=True)
-        work.mkdir(parents=True)
-        check_space(work, int(self.plan.disk_bytes))
-        _copy_walls(walls, work)
-        shutil.copyfile(restart, work / "start.restart")
-        (work / "produce.in").write_text(self.deck)
-        present = len(read_snapshot(self.settled / "settled.bin", DUMP_COLUMNS))
-        if done:
-            present = int(read_json(self._segment(done) / "segment.json")["particles"])
-        variables = {"first": done + 1, "last": self.settings.segments}
-        watch = _Watch(self, work, done, present, together, progress)
-        with Liggghts("produce.in", work, self.settings.ranks, variables) as process:
-            for status in process.wait():
-                watch.look(status)
-                if together.enough:
-                    break
-                yield
-            else:
-                watch.finish(process.status)
-        logs = self.folder / "logs"
-        logs.mkdir(exist_ok=True)
-        (work / "output.txt").replace(logs / f"produce-from-segment-{done + 1}.txt")
-        shutil.rmtree(work)
-
-    def _resume_point(self) -> tuple[int, Path]:
-        """Number of segments to build on and the restart file after them; damaged ones are dropped."""
-        for segment in reversed(self.published()):
-            restart = segment / "restart"
-            if restart.is_file() and _is_whole(restart, read_json(segment / "segment.json")):
-                return int(segment.name[-5:]), restart
-            shutil.rmtree(segment)
-        return 0, self.settled / "settled.restart"
-
-    def publish(self, number: int, sums: Sums, restart: Path, snapshot: Path, report: dict[str, Any]) -> None:
-        """Let a segment appear, and take the restart file from all but the newest."""
-        with publishing(self._segment(number)) as folder:
-            sums.save(folder / "sums.npz")
-            restart.replace(folder / "restart")
-            shutil.copyfile(snapshot, folder / "snapshot.bin")
-            whole = {"size": (folder / "restart").stat().st_size, "sha256": digest(folder / "restart")}
-            write_json(folder / "segment.json", report | whole)
-        if number > _KEPT_RESTARTS:
-            old = self._segment(number - _KEPT_RESTARTS)
-            for name in ("restart", "snapshot.bin"):
-                (old / name).unlink(missing_ok=True)
-
-
-class _Watch:
-    """Follows a running production: takes in snapshots, publishes segments, keeps the particle balance."""
-
-    def __init__(
-        self, chain: Chain, work: Path, done: int, present: int, together: Together, progress: Progress
-    ) -> None:
-        self.chain, self.work, self.progress, self.present = chain, work, progress, present
-        self.together = together
-        self.settings = chain.settings
-        self.collector = Collector(chain.plan.grid, "displacement")
-        self.segment = done + 1
-        self.next_step = done * self.settings.segment_steps
-        self.start_step, self.started = self.next_step, time.monotonic()
-        self.averaging = 0.0
-        self.count = 0
-        self.disk = 0
-
-    def look(self, status: Status) -> None:
-        """Take in what has appeared since the last look, but not so much that the output goes unread."""
-        for _ in range(_AT_ONCE):
-            if not self._take_snapshot(status):
-                break
-        self._report(status)
-
-    def _report(self, status: Status) -> None:
-        made = status.step - self.start_step
-        if made <= 0:
-            return
-        wanted = self.settings.steps - status.step
-        if self.together.standing.missing is not None:
-            missing = self.together.standing.missing / self.chain.plan.case.dem.replicas
-            wanted = min(wanted, round(missing / self.settings.time_step))
-        left = (time.monotonic() - self.started) * wanted / made
-        self.progress.update(
-            1 - wanted / max(1, status.step + wanted),
-            f"step {status.step}, {status.particles} particles, {self.together.standing}, {_duration(left)} left, "
-            f"{self.disk / 1e6:.0f} MB",
-        )
-
-    def finish(self, status: Status) -> None:
-        """The last look, after LIGGGHTS has ended well."""
-        while self._take_snapshot(status):
-            pass
-        _check_balance(self.present + status.inserted, status.discharged, status.particles, "production")
-        if self.segment <= self.settings.segments:
-            raise RunError(f"LIGGGHTS ended without the snapshots of segment {self.segment}; see {self.work}")
-
-    def _take_snapshot(self, status: Status) -> bool:
-        """Add the next snapshot if it is there; at the end of a segment wait for its restart file as well."""
-        path = self.work / f"snapshot.{self.next_step}.bin"
-        if self.segment > self.settings.segments or not (path.exists() and is_complete(path)):
-            return False
-        ends = self.next_step == self.segment * self.settings.segment_steps
-        restart = self.work / f"segment.{self.segment}.restart"
-        if ends and not restart.exists():
-            return False
-        begun = time.process_time()
-        snapshot = read_snapshot(path, DUMP_COLUMNS)
-        self.collector.add(self.next_step * self.settings.time_step, snapshot)
-        self.count = len(snapshot)
-        sums = self.collector.take() if ends else None
-        self.averaging += time.process_time() - begun
-        if sums is not None:
-            self._publish(sums, restart, path, status)
-        self._keep(path, ends)
-        self.next_step += self.settings.dump_every
-        return True
-
-    def _publish(self, sums: Sums, restart: Path, snapshot: Path, status: Status) -> None:
-        report = {
-            "particles": self.count,
-            "inserted": status.inserted,
-            "discharged": status.discharged,
-            "averaging_seconds": self.averaging,
-            "wall_seconds": time.monotonic() - self.started,
-            "ranks": self.settings.ranks,
-        }
-        check_space(self.chain.folder, 3 * restart.stat().st_size)
-        self.chain.publish(self.segment, sums, restart, snapshot, report)
-        self.segment += 1
-        self.disk = sum(path.stat().st_size for path in self.chain.folder.rglob("*") if path.is_file())
-        self.together.add(replace(sums, run=self.chain.number))
-
-    def _keep(self, path: Path, ends: bool) -> None:
-        kept = self.chain.plan.case.dem.keep_snapshots
-        if kept == "all" or (kept == "thinned" and ends):
-            folder = self.chain.folder / "snapshots"
-            folder.mkdir(exist_ok=True)
-            path.replace(folder / path.name)
-        else:
-            path.unlink()
-
-
-def _check_balance(inserted: int, discharged: int, present: int, during: str) -> None:
-    if inserted - discharged != present:
-        raise RunError(
-            f"the particle balance of {during} does not close: {inserted} inserted − {discharged} discharged "
-            f"≠ {present} present; particles were lost (too large a time step, or a leak in the walls)"
-        )
-
-
-def _is_whole(restart: Path, report: dict[str, Any]) -> bool:
-    return bool(restart.stat().st_size == report["size"] > 0 and digest(restart) == report["sha256"])
-
-
-def _copy_walls(walls: Path, folder: Path) -> None:
-    for path in walls.glob("*.stl"):
-        shutil.copyfile(path, folder / path.name)
-
-
 def _found(store: Store, stage: str, key: str) -> str:
     return "done before" if store.folder(stage, key).is_dir() else ""
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from granpipe.errors import RunError
+from granpipe.errors import DataError, RunError
 
 RESERVE = 200 * 1024**2
 """Free disk space [bytes] below which nothing is started."""
@@ -37,9 +37,14 @@ def digest(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Store:
-    """Folders of finished stages below `root`."""
+    """Folders of finished stages below `root`.
+
+    Where another process works on a stage, RunError says so at once. With `waiting` given, that is told so, and this
+    process waits for the other: so the points of a sweep share what they have in common.
+    """
 
     root: Path
+    waiting: Callable[[str], None] | None = None
 
     def folder(self, stage: str, key: str) -> Path:
         """Where the result of a stage lies, or will."""
@@ -63,6 +68,7 @@ class Store:
             return
         with self.lock(stage, key):
             if not target.is_dir():  # it may have appeared while this process waited
+                sweep(target)
                 with publishing(target) as folder:
                     yield from work(folder)
 
@@ -78,7 +84,7 @@ class Store:
 
     @contextlib.contextmanager
     def lock(self, stage: str, key: str) -> Iterator[None]:
-        """Keep other processes off a stage; RunError at once if one is at work on it.
+        """Keep other processes off a stage; if one is at work on it, wait for it or raise RunError at once.
 
         The lock is the kernel's: it falls with its process, however that ends.
         """
@@ -92,10 +98,11 @@ class Store:
             except BlockingIOError:
                 file.seek(0)
                 owner = file.read().strip() or "unknown"
-                raise RunError(
-                    f"another granpipe (process {owner}) is working on {stage} of this case; "
-                    "wait for it, or stop it and run again"
-                ) from None
+                message = f"another granpipe (process {owner}) is working on {stage} of this case"
+                if self.waiting is None:
+                    raise RunError(f"{message}; wait for it, or stop it and run again") from None
+                self.waiting(f"{message}; waiting for it")
+                fcntl.flock(file, fcntl.LOCK_EX)
             file.seek(0)
             file.truncate()
             file.write(str(os.getpid()))
@@ -119,6 +126,24 @@ def publishing(target: Path) -> Iterator[Path]:
             _replace(aside, target)
         finally:
             shutil.rmtree(aside, ignore_errors=True)
+
+
+def sweep(target: Path) -> None:
+    """Remove what killed processes have left of `target`; for who holds its lock."""
+    for left in target.parent.glob(f".{target.name}.*.part"):
+        shutil.rmtree(left, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def evidence_kept(work: Path, evidence: Path) -> Iterator[None]:
+    """If the block fails, what is in `work` is moved to the folder `evidence`, which the error then names."""
+    try:
+        yield
+    except (RunError, DataError) as error:
+        shutil.rmtree(evidence, ignore_errors=True)
+        shutil.move(work, evidence)
+        raise type(error)(f"{error}\nevidence: {evidence}") from error
+    shutil.rmtree(evidence, ignore_errors=True)
 
 
 def _replace(folder: Path, target: Path) -> None:

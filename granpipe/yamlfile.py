@@ -59,7 +59,7 @@ class Places:
 
 def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
     """Plain data and places of a YAML file that must hold a mapping; CaseError says what is wrong with it."""
-    return parse_yaml(_text_of(path), path.name)
+    return parse_yaml(text_of(path), path.name)
 
 
 def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], Places]:
@@ -81,7 +81,8 @@ def parse_value(text: str, source: str, key: KeyPath) -> tuple[Any, Places]:
     return (None if node is None else _Reader(places).read(node, key)), places
 
 
-def _text_of(path: Path) -> str:
+def text_of(path: Path) -> str:
+    """The text of a YAML file; CaseError where it is not one."""
     try:
         with path.open("rb") as stream:
             raw = stream.read(MAX_BYTES + 1)

@@ -6,11 +6,11 @@ Pure: numbers in, numbers out. The planner shows each choice with its criterion.
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass
 from typing import Protocol
 
 from granpipe.case import Case
+from granpipe.cores import usable_cores
 from granpipe.dem import contact
 from granpipe.dem.sizes import SizeClasses, size_classes
 from granpipe.errors import CaseError, KeyPath
@@ -241,7 +241,7 @@ def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses) -> tuple[float
 
 def _ranks(case: Case, particles: int) -> int:
     """Ranks, never more than cores; below some thousand particles a rank they cost more than they give."""
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     if case.dem.ranks != "auto":
         wanted = int(case.dem.ranks)
         if wanted > cores:

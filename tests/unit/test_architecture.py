@@ -16,7 +16,7 @@ PACKAGE = ROOT / "granpipe"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
 ROOMS = {"geometry", "dem", "homogenize", "fluid", "export", "study"}
-COMMON = {"field", "rzmesh", "case", "errors", "progress"}
+COMMON = {"field", "rzmesh", "case", "errors", "progress", "cores"}
 """The modules of granpipe that a room may import besides its own: what rooms hand to each other, and the case."""
 
 LATE = {"gmsh", "pyvista", "vtk", "vtkmodules", "matplotlib", "meshio", "pint", "skfem", "pymetis", "numba"}
