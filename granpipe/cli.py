@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from granpipe.case import CaseFile
     from granpipe.errors import CaseError
     from granpipe.plan import Model, Plan
+    from granpipe.sweep import Folder
 
 INTERRUPTED = 130
 QUALITY_FAILED = 4
@@ -27,6 +28,7 @@ _SET = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", he
 _RESULTS = click.option(
     "--results", type=click.Path(path_type=Path), default=Path("results"), show_default=True, help="Results folder."
 )
+_SWEEP = click.argument("sweep", type=click.Path(path_type=Path))
 
 
 class _Group(click.Group):
@@ -179,8 +181,8 @@ def compare(one: Path, other: Path, tolerance: str) -> None:
     limit = _quantity(in_si, tolerance, NUMBER, "--tolerance")
     case = _read(one / "case.yaml", ()).case
     diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
-    levels = {name: (section.z_top, section.z_bottom) for name, section in case.outline.sections.items()}
-    found = compare_fields(Field.load(one / "field.npz"), Field.load(other / "field.npz"), levels, diameter)
+    fields = Field.load(one / "field.npz"), Field.load(other / "field.npz")
+    found = compare_fields(*fields, case.outline.levels, diameter)
     click.echo(f"{'section':<12}{'difference':>12}{'noise':>10}{'noise-free':>12}{'95 % below':>12}")
     for d in found:
         numbers = f"{d.observed:>12.2%}{d.noise:>10.2%}{d.noise_free:>12.2%}{d.upper:>12.2%}"
@@ -238,6 +240,105 @@ def homogenize(
     made = homogenize_files(request, outline_case)
     write_field(made.field, outline_case, out)
     click.echo(f"field in {out}; sampled by {made.sampling}")
+
+
+@main.command()
+@_SWEEP
+@_RESULTS
+@click.option("--on", type=click.Choice(["local", "slurm"]), default="local", show_default=True, help="Where to run.")
+@click.option("--cores", type=click.IntRange(1), help="Cores to use here; all that this process may use by default.")
+@click.option("--cluster", type=click.Path(path_type=Path), default=Path("cluster.yaml"), show_default=True,
+              help="What jobs ask the cluster for.")  # fmt: skip
+def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path) -> None:
+    """Run every point of SWEEP, a sweep.yaml: here, or as array jobs on a Slurm cluster.
+
+    What is done is not repeated, and what is in the queue is not submitted again.
+    """
+    from granpipe.sweep import prepare
+    from granpipe.sweepfile import read_profile, read_sweep
+
+    if on == "slurm":
+        from granpipe.sweep_slurm import submit
+
+        profile = read_profile(cluster)
+        folder, points = prepare(read_sweep(sweep), results)
+        with _Console() as console:
+            submit(folder, points, profile, console)
+        click.echo(f"follow it with: granpipe status {folder.root}")
+        return
+    from granpipe.cores import usable_cores
+    from granpipe.sweep_local import run_here
+
+    folder, points = prepare(read_sweep(sweep), results)
+    with _Console() as console:
+        run_here(folder, points, cores or usable_cores(), console)
+    _reduce(folder)
+
+
+@main.command(hidden=True)
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("names", nargs=-1, required=True)
+@click.option("--ranks", type=click.IntRange(1), default=1)
+def points(folder: Path, names: tuple[str, ...], ranks: int) -> None:
+    """Run points of a sweep one after the other: what its workers and jobs do."""
+    from granpipe.sweep import Folder, run_points
+
+    with _Console() as console:
+        run_points(Folder(folder), names, ranks, console)
+
+
+@main.command()
+@_SWEEP
+@_RESULTS
+def status(sweep: Path, results: Path) -> None:
+    """Show how every point of SWEEP stands (a sweep.yaml, or the folder of its results)."""
+    from granpipe.sweep import find_folder
+    from granpipe.sweep_status import standings, summary
+
+    found = standings(find_folder(sweep, results))
+    width = max(len(one.name) for one in found)
+    for one in found:
+        click.echo(f"{one.name:<{width}}  {one.word:<7}  {one.text.splitlines()[0] if one.text else ''}".rstrip())
+    click.echo(summary(found))
+
+
+@main.command()
+@_SWEEP
+@_RESULTS
+def cancel(sweep: Path, results: Path) -> None:
+    """Cancel the jobs of SWEEP, or end the process that runs it here; what is finished is kept."""
+    from granpipe.sweep import find_folder
+    from granpipe.sweep_slurm import cancel as cancel_sweep
+
+    click.echo(cancel_sweep(find_folder(sweep, results)))
+
+
+@main.command()
+@_SWEEP
+@_RESULTS
+def reduce(sweep: Path, results: Path) -> None:
+    """Write table and chart of SWEEP from the points that are done."""
+    from granpipe.sweep import find_folder
+
+    _reduce(find_folder(sweep, results))
+
+
+def _reduce(folder: Folder) -> None:
+    """Table, chart, and an exit status that tells whether all points are done, and well."""
+    from granpipe.sweep_status import summary
+    from granpipe.sweep_table import reduce as reduce_sweep
+
+    found, files = reduce_sweep(folder)
+    for one in found:
+        if one.word == "failed":
+            click.echo(f"{one.name}: {one.text}", err=True)
+    click.echo(summary(found))
+    for file in files:
+        click.echo(f"wrote {file}")
+    if any(one.word != "done" for one in found):
+        sys.exit(3)
+    if any(one.text for one in found):
+        sys.exit(QUALITY_FAILED)
 
 
 def _quantity(read: Any, text: str, dimension: Any, option: str) -> float:

@@ -1,0 +1,156 @@
+"""The points of a sweep on a cluster: array jobs, one for each number of ranks, and a job that makes the table.
+
+What was submitted is written to ``slurm/jobs.json``; which points are still to run is what Slurm's queue says of those
+jobs. No accounting and no database are needed, and scripts and lists of points can be read and edited.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from granpipe.errors import RunError
+from granpipe.jsonfile import read_json
+from granpipe.progress import Progress
+from granpipe.study import slurm
+from granpipe.study.slurm import Element
+from granpipe.sweep import Folder, Point, replace_text
+from granpipe.sweep_local import CHUNK
+from granpipe.sweepfile import Profile
+
+_LEAST = 5
+"""Points without particles that a job takes at least: starting takes about as long as these."""
+
+_ELEMENTS = 40
+"""Jobs among which points without particles are shared, before they take as many as a worker may."""
+
+
+def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: Progress) -> list[str]:
+    """Submit the points that are not in the queue already, and a job that makes the table; the ids of the jobs."""
+    with folder.lock():
+        waiting = queued(folder)
+        fresh = [point for point in points if point.name not in waiting]
+        if not fresh:
+            progress.note(f"nothing to submit: {len(waiting)} points are in the queue, all others are done")
+            return []
+        scripts = _next_folder(folder)
+        jobs = []
+        for ranks in sorted({_ranks(point, profile) for point in fresh}):
+            lines = _lines([point for point in fresh if _ranks(point, profile) == ranks])
+            job = _submit_points(folder, scripts, lines, ranks, profile)
+            jobs.append({"job": job, "points": [line.split() for line in lines]})
+            progress.note(f"job {job}: {sum(map(len, map(str.split, lines)))} points in {len(lines)} elements")
+            _write_jobs(folder, [*_jobs(folder), jobs[-1]])
+        active = sorted({element.job.split("_")[0] for element in waiting.values()} | {str(job["job"]) for job in jobs})
+        path = _write(scripts / "reduce.sh", "reduce.sh.j2", folder, profile, {})
+        reduce = slurm.submit(path, f"--dependency=afterany:{':'.join(active)}")
+        progress.note(f"job {reduce}: table and chart, when the others have ended")
+        return [*(str(job["job"]) for job in jobs), reduce]
+
+
+def queued(folder: Folder) -> dict[str, Element]:
+    """Points that are in Slurm's queue, waiting or running, with the element of the array that has them."""
+    jobs = _jobs(folder)
+    if not jobs or shutil.which("squeue") is None:
+        return {}
+    lines = {str(job["job"]): job["points"] for job in jobs}
+    found: dict[str, Element] = {}
+    for element in slurm.queue():
+        job, _, index = element.job.partition("_")
+        if job in lines and index.isdigit():
+            found |= dict.fromkeys(lines[job][int(index) - 1], element)
+    return found
+
+
+def cancel(folder: Folder) -> str:
+    """Cancel the jobs of a sweep that are in the queue, or end the process that runs it here; what was done."""
+    jobs = sorted({element.job.split("_")[0] for element in queued(folder).values()})
+    if jobs:
+        slurm.cancel(jobs)
+        return f"cancelled jobs {', '.join(jobs)}"
+    return _end_here(folder)
+
+
+def _end_here(folder: Folder) -> str:
+    try:
+        with folder.lock():
+            return "nothing to cancel: the sweep is not running"
+    except RunError:
+        owner = read_json(folder.root / "running.json")
+    if owner["host"] != socket.gethostname():
+        raise RunError(f"the sweep runs on {owner['host']}: cancel it there (process {owner['pid']})")
+    os.kill(int(owner["pid"]), signal.SIGTERM)
+    return f"told process {owner['pid']} to end"
+
+
+def _ranks(point: Point, profile: Profile) -> int:
+    return (point.ranks or profile.ranks) if point.particles else 1
+
+
+def _lines(points: Sequence[Point]) -> list[str]:
+    """The points of each element: one with particles, several without, and more where the array would be too long."""
+    most = slurm.largest_array()
+    slow = [point.name for point in points if point.particles]
+    quick = [point.name for point in points if not point.particles]
+    lines = _split(slow, 1) + _split(quick, min(CHUNK, max(_LEAST, -(-len(quick) // _ELEMENTS))))
+    return lines if len(lines) <= most else _split(slow + quick, -(-len(points) // most))
+
+
+def _split(names: list[str], size: int) -> list[str]:
+    return [" ".join(names[at : at + size]) for at in range(0, len(names), size)]
+
+
+def _submit_points(folder: Folder, scripts: Path, lines: list[str], ranks: int, profile: Profile) -> str:
+    list_file = scripts / f"points-{ranks}.txt"
+    list_file.write_text("\n".join(lines) + "\n")
+    values = {
+        "points": slurm.plain_path(list_file),
+        "elements": len(lines),
+        "ranks": ranks,
+        "time": _slurm_time(profile.time),
+        "margin": round(profile.margin),
+    }
+    return slurm.submit(_write(scripts / f"points-{ranks}.sh", "points.sh.j2", folder, profile, values))
+
+
+def _write(path: Path, template: str, folder: Folder, profile: Profile, values: dict[str, Any]) -> Path:
+    common = {
+        "name": folder.name,
+        "profile": profile,
+        "python": slurm.plain_path(Path(sys.executable)),
+        "folder": slurm.plain_path(folder.root),
+        "logs": slurm.plain_path(path.parent),
+        "start": slurm.plain_path(Path.cwd()),
+    }
+    path.write_text(slurm.script(template, common | values))
+    return path
+
+
+def _slurm_time(seconds: float) -> int:
+    """In whole minutes, as sbatch takes it."""
+    return -(-round(seconds) // 60)
+
+
+def _next_folder(folder: Folder) -> Path:
+    root = folder.root / "slurm"
+    root.mkdir(exist_ok=True)
+    number = 1 + max((int(path.name) for path in root.iterdir() if path.name.isdigit()), default=0)
+    path = root / str(number)
+    path.mkdir()
+    return path
+
+
+def _jobs(folder: Folder) -> list[dict[str, Any]]:
+    file = folder.root / "slurm" / "jobs.json"
+    return list(read_json(file)["jobs"]) if file.exists() else []
+
+
+def _write_jobs(folder: Folder, jobs: list[dict[str, Any]]) -> None:
+    replace_text(folder.root / "slurm" / "jobs.json", json.dumps({"jobs": jobs}))

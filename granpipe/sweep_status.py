@@ -1,0 +1,86 @@
+"""How a sweep stands: every point, from its files and the queue. Nothing else is asked, so it takes a moment."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from granpipe.errors import RunError
+from granpipe.study.slurm import Element
+from granpipe.study.state import State
+from granpipe.sweep import Folder
+from granpipe.sweep_slurm import queued
+
+Word = Literal["done", "running", "waiting", "failed", "missing"]
+
+QUIET = 300.0
+"""A point on another machine that has not been heard of for so long is said to be quiet [s]."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How one point stands, and a line about it."""
+
+    name: str
+    word: Word
+    text: str = ""
+
+
+def standings(folder: Folder) -> list[Standing]:
+    """Every point in order."""
+    elements = queued(folder)
+    here = _is_running(folder)
+    return [_standing(folder, name, elements.get(name), here) for name in folder.variants]
+
+
+def summary(found: list[Standing]) -> str:
+    """``12 points: 3 done, 2 running, 7 waiting``."""
+    counts = Counter(one.word for one in found)
+    words: tuple[Word, ...] = ("done", "running", "waiting", "failed", "missing")
+    return f"{len(found)} points: " + ", ".join(f"{counts[word]} {word}" for word in words if counts[word])
+
+
+def _is_running(folder: Folder) -> bool:
+    try:
+        with folder.lock():
+            return False
+    except RunError:
+        return True
+
+
+def _standing(folder: Folder, name: str, element: Element | None, here: bool) -> Standing:
+    state = folder.state(name)
+    if folder.is_done(name) and state is not None:
+        return Standing(name, "done", "; ".join(f"quality gate failed: {gate}" for gate in state.gates))
+    if element is not None and not element.runs:
+        return Standing(name, "waiting", f"job {element.job}: {element.reason}")
+    if state is None or state.phase == "done":  # a point that comes later in its job, or of an earlier case
+        waits = element is not None or here
+        return Standing(name, "waiting" if waits else "missing", "" if waits else "run the sweep again")
+    if state.phase == "failed":
+        return Standing(name, "failed", state.error)
+    if (state.job and element is None) or (not state.job and state.process_is_gone()):
+        where = f"job {state.job}" if state.job else f"process {state.pid}"
+        return Standing(name, "failed", f"{where} ended without a word (killed, or its machine lost) at {_at(state)}")
+    return Standing(name, "running", ", ".join(_running(state)))
+
+
+def _running(state: State) -> Iterator[str]:
+    yield _at(state)
+    yield f"on {state.host} for {_duration(time.time() - state.begun)}"
+    if (quiet := time.time() - state.updated) > QUIET:
+        yield f"last heard of {_duration(quiet)} ago"
+
+
+def _at(state: State) -> str:
+    share = f" {state.fraction:.0%}" if state.fraction else ""
+    return f"{state.stage or 'start'}{share}" + (f" ({state.text})" if state.text else "")
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -1,0 +1,332 @@
+"""sweep.yaml and cluster.yaml: which cases to run, and on which cluster. Read with the same care as a case."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import Field, ValidationError, model_validator
+
+from granpipe.errors import CaseError
+from granpipe.explain import case_error
+from granpipe.study.variants import MAX_NAME, Variant, crossed, spaced
+from granpipe.units import TIME
+from granpipe.values import Choices, File, Group, Kind, Name, Quantity, Whole, refuse
+from granpipe.yamlfile import Places, parse_value, read_yaml
+
+Table = Literal["csv", "netcdf"]
+
+MAX_POINTS = 100_000
+"""Points of one sweep: each is a folder and a small file."""
+
+_DOTTED = r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z][A-Za-z0-9_]*)*"
+
+
+def value_text(value: Any) -> str:
+    """Plain data of YAML as YAML text on one line, as ``--set`` takes it: the shortest that means the same."""
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    try:
+        same = parse_value(text, "", ())[0] == value
+    except CaseError:
+        same = False
+    return text if same and text == " ".join(text.split()) else json.dumps(value, ensure_ascii=False)
+
+
+class Changes(Kind):
+    """Dotted keys of the case and their values."""
+
+    def read(self, value: Any) -> dict[str, str]:
+        if not isinstance(value, Mapping):
+            refuse(f"must be {self.accepts()}")
+        for key in value:
+            _check_key(key)
+        return {key: value_text(item) for key, item in value.items()}
+
+    def accepts(self) -> str:
+        return "a group of dotted keys of the case with their values, such as `contact.friction: 0.4`"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "object", "propertyNames": {"pattern": f"^{_DOTTED}$"}}
+
+
+class Axes(Kind):
+    """A list of axes; each is a group of dotted keys with equally many values."""
+
+    def read(self, value: Any) -> tuple[dict[str, list[str]], ...]:
+        if not isinstance(value, list):
+            refuse(f"must be {self.accepts()}")
+        axes = tuple(_axis(group, index) for index, group in enumerate(value))
+        keys = [(index, key) for index, axis in enumerate(axes) for key in axis]
+        for index, key in keys:
+            if [other for _, other in keys].count(key) > 1:
+                refuse("stands in two axes", (index, key), show_value=False)
+        return axes
+
+    def accepts(self) -> str:
+        return (
+            "a list of axes, such as `- contact.friction: [0.2, 0.4]` or `- dem.seed: {first: 1, last: 8, number: 8}`; "
+            "keys of one axis change together, different axes are crossed"
+        )
+
+    def schema(self) -> dict[str, Any]:
+        spaced_values = {"type": "object", "required": ["first", "last", "number"]}
+        values = {"anyOf": [{"type": "array", "minItems": 1}, spaced_values]}
+        axis = {"type": "object", "propertyNames": {"pattern": f"^{_DOTTED}$"}, "additionalProperties": values}
+        return {"type": "array", "items": axis}
+
+
+def _axis(group: Any, index: int) -> dict[str, list[str]]:
+    if not isinstance(group, Mapping) or not group:
+        refuse("must be a group of dotted keys of the case, each with a list of values or a range", (index,))
+    axis = {key: _values(item, (index, key)) for key, item in group.items()}
+    counts = {key: len(values) for key, values in axis.items()}
+    if len(set(counts.values())) > 1:
+        numbers = ", ".join(f"{key}: {count}" for key, count in counts.items())
+        refuse(f"keys of one axis must have equally many values ({numbers})", (index,), show_value=False)
+    return axis
+
+
+def _values(item: Any, key: tuple[int, str]) -> list[str]:
+    _check_key(key[1], key[:1])
+    if isinstance(item, Mapping) and item.keys() == {"first", "last", "number"}:
+        return _range(item, key)
+    if not isinstance(item, list) or not 0 < len(item) <= MAX_POINTS:
+        refuse("must be a list of values, or {first: …, last: …, number: …}", key)
+    return [value_text(value) for value in item]
+
+
+def _range(item: Mapping[str, Any], key: tuple[int, str]) -> list[str]:
+    number = item["number"]
+    if not isinstance(number, int) or isinstance(number, bool) or not 1 <= number <= MAX_POINTS:
+        refuse(f"must be a whole number from 1 to {MAX_POINTS}", (*key, "number"))
+    try:
+        return spaced(value_text(item["first"]), value_text(item["last"]), number)
+    except ValueError as error:
+        refuse(str(error), key)
+
+
+def _check_key(key: str, path: tuple[int, ...] = ()) -> None:
+    if not re.fullmatch(_DOTTED, key):
+        refuse("must be a dotted key of the case, such as dem.seed", (*path, key), show_value=False)
+    if key == "name":
+        refuse("cannot be varied: every point is named by its changes", (*path, key), show_value=False)
+
+
+@dataclass(frozen=True)
+class Matching(Kind):
+    """Text that is safe in a shell script, because it matches a strict pattern."""
+
+    pattern: str
+    words: str
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str) or len(value) > 300 or not re.fullmatch(self.pattern, value):
+            refuse(f"must be {self.words}")
+        return value
+
+    def accepts(self) -> str:
+        return self.words
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "string", "pattern": f"^{self.pattern}$", "maxLength": 300}
+
+
+@dataclass(frozen=True)
+class Lines(Kind):
+    """A list of such texts."""
+
+    item: Matching
+
+    def read(self, value: Any) -> tuple[str, ...]:
+        if not isinstance(value, list):
+            refuse(f"must be {self.accepts()}")
+        for index, text in enumerate(value):
+            if not isinstance(text, str) or not re.fullmatch(self.item.pattern, text):
+                refuse(f"must be {self.item.words}", (index,))
+        return tuple(value)
+
+    def accepts(self) -> str:
+        return f"a list: each {self.item.words}"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "array", "items": self.item.schema()}
+
+
+_COLUMN = Matching(_DOTTED, "the name of a column of the table, such as wall_seconds")
+
+
+class _Sweep(Group):
+    """Many variants of a case."""
+
+    name: Annotated[str, Name()] = Field(description="Name of the sweep; everything goes to a folder of this name.")
+    case: Annotated[str, File()] = Field(description="Path of the case that is varied, relative to this file.")
+    set: Annotated[dict[str, str], Changes()] = Field(
+        default_factory=dict, description="Dotted keys of the case with the value that they have in every point."
+    )
+    axes: Annotated[tuple[dict[str, list[str]], ...], Axes()] = Field(
+        default=(), description="Values to go through: axes are crossed, keys of one axis change together."
+    )
+    points: dict[Annotated[str, Name()], Annotated[dict[str, str], Changes()]] = Field(
+        default_factory=dict, description="Further points by name, each with the keys that it changes."
+    )
+    chart: Annotated[tuple[str, ...], Lines(_COLUMN)] = Field(
+        default=("wall_seconds",),
+        description="Columns of the table to draw over the axes, such as statistical_error.whole.",
+    )
+    table: Annotated[tuple[Table, ...], Choices(Table)] = Field(
+        default=("csv",), description="Formats of the table; netcdf needs the extra of that name."
+    )
+
+    @model_validator(mode="after")
+    def _has_points(self) -> _Sweep:
+        if not self.axes and not self.points:
+            refuse("missing; give axes, points, or both", ("axes",), show_value=False)
+        number = len(self.points)
+        if self.axes:
+            number += _product(len(next(iter(axis.values()))) for axis in self.axes)
+        if number > MAX_POINTS:
+            refuse(f"must not make more than {MAX_POINTS} points together, not {number}", ("axes",), show_value=False)
+        for name in self.points:
+            if name in {variant.name for variant in crossed(self.axes)}:
+                refuse("is the name of a point of the axes, too", ("points", name), show_value=False)
+        return self
+
+
+def _product(numbers: Any) -> int:
+    result = 1
+    for number in numbers:
+        result *= number
+    return result
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep, expanded.
+
+    Parameters
+    ----------
+    name : of the sweep
+    case : file of the case that is varied
+    variants : every point; its changes include those that all points share
+    axes : keys of the axes, in order
+    chart : columns of the table to draw
+    table : formats of the table
+    """
+
+    name: str
+    case: Path
+    variants: tuple[Variant, ...]
+    axes: tuple[str, ...]
+    chart: tuple[str, ...]
+    table: tuple[Table, ...]
+    places: Places
+
+    def explain(self, error: CaseError, variant: Variant) -> CaseError:
+        """An error in a point's case, told where the sweep sets the key that is wrong."""
+        for key in variant.changes:
+            if ".".join(map(str, error.key)).startswith(key):
+                found = [place for path, place in self.places.known.items() if path[-1] == key]
+                return CaseError(f"{error.message} (point {variant.name})", error.key, (found or [self.places.file])[0])
+        return CaseError(f"{error.message} (point {variant.name})", error.key, error.place)
+
+
+def read_sweep(path: Path) -> Sweep:
+    """Read sweep.yaml; CaseError says what is wrong and where."""
+    data, places = read_yaml(path)
+    given = _validated(_Sweep, data, places)
+    named = [Variant(name, changes) for name, changes in given.points.items()]
+    variants = tuple(Variant(v.name, given.set | v.changes) for v in (*crossed(given.axes), *named))
+    axes = tuple(key for axis in given.axes for key in axis)
+    return Sweep(given.name, path.parent / given.case, variants, axes, given.chart, given.table, places)
+
+
+class Memory(Kind):
+    """An amount of memory, in MB."""
+
+    _UNITS = {"MB": 1, "GB": 1000, "MiB": 1.048576, "GiB": 1073.741824}  # noqa: RUF012
+    _PATTERN = re.compile(r"(\d{1,7}(?:\.\d{1,3})?) ?(MB|GB|MiB|GiB)")
+
+    def read(self, value: Any) -> int:
+        match = self._PATTERN.fullmatch(value) if isinstance(value, str) else None
+        number = round(float(match[1]) * self._UNITS[match[2]]) if match else 0
+        if number < 1:
+            refuse(f"must be {self.accepts()}")
+        return number
+
+    def accepts(self) -> str:
+        return "an amount with its unit, such as 4 GB or 500 MB"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "string"}
+
+
+_ACCOUNT = Matching(r"[A-Za-z0-9][A-Za-z0-9_.,-]*", "letters, digits, `_`, `.`, `,` and `-`")
+_MODULE = Matching(r"[A-Za-z0-9][A-Za-z0-9_.+/-]*", "the name of a module: letters, digits, `_`, `.`, `+`, `/` and `-`")
+_SETUP = Matching(
+    r"[A-Za-z.][A-Za-z0-9_./~:=@+,$ {}\"-]*",
+    "one plain shell command, such as `source ~/granpipe/.venv/bin/activate` or `export NAME=value`: no `;`, `|`, `&`, "
+    "`<`, `>`, parentheses or backquotes",
+)
+_OPTION = Matching(
+    r"--[a-z][a-z-]*(=[A-Za-z0-9_.,:*/+\[\]-]+)?", "one long option of sbatch, such as `--qos=long` or `--exclusive`"
+)
+
+
+class Profile(Group):
+    """What a job asks the cluster for: cluster.yaml."""
+
+    ranks: Annotated[int, Whole(1, 4096)] = Field(
+        default=1, description="MPI ranks of a point that has particles, where its case leaves `dem.ranks: auto`."
+    )
+    time: Annotated[float, Quantity(TIME, at_least=60, at_most=3e7)] = Field(
+        description="Time limit of a job. One that nears it publishes what it has and goes on in a job of its own."
+    )
+    margin: Annotated[float, Quantity(TIME, at_least=5, at_most=3600)] = Field(
+        default=60.0, description="How long before the time limit a job is told to stop."
+    )
+    memory: Annotated[int | None, Memory()] = Field(
+        default=None, description="Memory of a job; the cluster's default unless given."
+    )
+    partition: Annotated[str | None, _ACCOUNT] = Field(default=None, description="Partition, or several with commas.")
+    account: Annotated[str | None, _ACCOUNT] = Field(default=None, description="Account that is charged.")
+    at_once: Annotated[int | None, Whole(1)] = Field(
+        default=None, description="How many jobs of a sweep may run at once; as many as the cluster lets, unless given."
+    )
+    requeues: Annotated[int, Whole(0, 1000)] = Field(
+        default=20, description="How often a job may go on after its time limit."
+    )
+    modules: Annotated[tuple[str, ...], Lines(_MODULE)] = Field(
+        default=(), description="Environment modules to load, in this order."
+    )
+    setup: Annotated[tuple[str, ...], Lines(_SETUP)] = Field(
+        default=(), description="Shell commands before granpipe starts, after the modules."
+    )
+    options: Annotated[tuple[str, ...], Lines(_OPTION)] = Field(default=(), description="Further options of sbatch.")
+
+    @model_validator(mode="after")
+    def _margin_inside(self) -> Profile:
+        if self.margin >= self.time:
+            refuse("must be below time", ("margin",))
+        return self
+
+
+def read_profile(path: Path) -> Profile:
+    """Read cluster.yaml; CaseError says what is wrong and where."""
+    return _validated(Profile, *read_yaml(path))
+
+
+_Model = TypeVar("_Model", bound=Group)
+
+
+def _validated(model: type[_Model], data: dict[str, Any], places: Places) -> _Model:
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise case_error(error, data, places) from None
+
+
+assert MAX_NAME == 64  # the length that `Name` accepts
