@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from granpipe.case import Case
+from granpipe.chain import Standing
 from granpipe.errors import DataError
 from granpipe.field import Field, Grid, cell_squares, level_flow, section_rows
 from granpipe.geometry.outline import Outline
@@ -37,7 +38,7 @@ from granpipe.quality import (
     size_gate,
 )
 from granpipe.results import Made
-from granpipe.simulate import Production, Standing
+from granpipe.simulate import Production
 
 Levels = Mapping[str, tuple[float, float]]
 

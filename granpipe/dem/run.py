@@ -18,7 +18,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,6 +41,12 @@ _RANK_MEMORY = 500_000_000  # bytes; an empty rank takes 60 MB
 _PARTICLE_MEMORY = 50_000  # bytes
 _LEAST_SILENCE = 120.0  # s; a machine that others use may be slow for a while
 _SLOWER = 50  # times slower than expected, or than ever seen, is no longer running
+
+_MEANINGS = {
+    "not full": "the vessel did not become full; a smaller dem.reservoir_height or a larger vessel may help",
+    "not settled": "the bed did not come to rest; make dem.time_step smaller (auto: 20 % of the Rayleigh time)",
+}
+"""What granpipe's own decks say before they give up."""
 
 _INSERTED = re.compile(r"INFO: Particle insertion \w+: inserted (\d+) particle templates")
 _SEGMENT = re.compile(r"granpipe: segment (\d+)")
@@ -205,22 +211,26 @@ class Liggghts:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def wait(self) -> Iterator[Status]:
-        """Yield the status at each row of the thermo table, and a few times a second, until the process ends.
+    def wait(self, check_row: Callable[[Status], None] = lambda _: None) -> Iterator[Status]:
+        """Yield the status a few times a second until the process ends; RunError unless it ends well.
 
-        RunError unless it ended well, and where it breaks a limit.
+        Parameters
+        ----------
+        check_row : called with the status at each row of the thermo table
         """
         watch = _Watch(self)
         while self._process.poll() is None:
-            yield from self._rows()
+            self._take_in(check_row)
             watch.look()
+            yield self.status
             time.sleep(_POLL)
         while self._read < min(self._output.stat().st_size, self.limits.output_bytes):
-            yield from self._rows()
+            self._take_in(check_row)
+        yield self.status
         self._check()
 
-    def _rows(self) -> Iterator[Status]:
-        """Take in what has been printed since the last call, though not more than a block."""
+    def _take_in(self, check_row: Callable[[Status], None]) -> None:
+        """Read what has been printed since the last call, though not more than a block."""
         with self._output.open("rb") as output:
             output.seek(self._read)
             data = output.read(_BLOCK)
@@ -228,8 +238,7 @@ class Liggghts:
         *lines, self._tail = (self._tail + data.decode(errors="replace")).split("\n")
         for line in lines:
             if self.status.read(line):
-                yield self.status
-        yield self.status
+                check_row(self.status)
 
     def stop(self) -> None:
         """End everything that was started, politely first."""
@@ -256,10 +265,10 @@ class Liggghts:
 
     def fail(self, how: str, reason: str) -> RunError:
         """The error that tells how the run ended, why, by which command, and its last lines."""
-        last = "\n  ".join(self._last_lines()[-5:])
+        last = "\n  ".join(line[:200] for line in self._last_lines()[-5:])
         return RunError(
             f"LIGGGHTS {how} at step {self.status.step}: {reason}\n"
-            f"command: {shlex.join(self.command)}\noutput: {self._output}\n  {last}"
+            f"command: {shlex.join(self.command)}\nit said last:\n  {last}"
         )
 
     def _last_lines(self) -> list[str]:
@@ -276,7 +285,8 @@ class Liggghts:
         how = f"was killed by signal {-code}" if code < 0 else f"ended with status {code}"
         if code == -signal.SIGXFSZ or any("File size limit" in line for line in log):
             own = [f"a file outgrew its cap of {self.limits.file_bytes / 1e9:.3g} GB"]
-        raise self.fail(how, own[-1] if own else self.status.message or "it did not reach the end of its deck")
+        reason = _MEANINGS.get(self.status.message, "it did not reach the end of its deck")
+        raise self.fail(how, own[-1] if own else reason)
 
 
 class _Watch:

@@ -161,8 +161,8 @@ def main(arguments: list[str]) -> None:
 
 def fill(run: Run) -> None:
     bed = run.bed
-    run.row(0)
-    run.insertion(run.shown, 1)
+    print(f"{0:8d} {0:8d} {0:14.8g} {0:14.8g}", flush=True)
+    run.insertion(len(bed.particles(0)), 1)
     run.due = bool(run.fault)
     for step in range(bed.thermo, 5 * bed.thermo, bed.thermo):
         run.row(step)

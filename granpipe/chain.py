@@ -1,0 +1,347 @@
+"""Production in segments: LIGGGHTS runs on from one to the next, watched, and whatever ends it, nothing done is lost.
+
+At each boundary the sums over the segment's snapshots, the restart file and their hashes appear together, by one
+rename, and the snapshots are gone: the disk never holds more than a few of them. Running again continues after the last
+segment that is whole.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from granpipe.dem.deck import DUMP_COLUMNS, Deck, render
+from granpipe.dem.dump import Snapshot, is_complete, read_snapshot
+from granpipe.dem.health import FlowHealth
+from granpipe.dem.run import Liggghts, Limits, Status
+from granpipe.dem.settings import RATE
+from granpipe.errors import DataError
+from granpipe.homogenize.average import Collector, Sums
+from granpipe.jsonfile import read_json, write_json
+from granpipe.plan import Plan
+from granpipe.progress import Progress
+from granpipe.store import check_space, digest, evidence_kept, publishing, sweep
+from granpipe.surroundings import surroundings
+
+_KEPT_RESTARTS = 2
+_AT_ONCE = 8  # snapshots
+_KEPT_SNAPSHOTS = 2  # as evidence, should the run fail
+
+
+def load_sums(segment: Path, run: int) -> Sums:
+    """The sums of a published segment."""
+    return replace(Sums.load(segment / "sums.npz"), run=run)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How good the average of a run in progress is.
+
+    errors : section → statistical error of the final field, the whole included; empty while it is not known
+    enough : the case is content
+    missing : simulated time [s] that is still missing, for all replicas together; None if nothing can be said
+    """
+
+    errors: dict[str, float] = field(default_factory=dict)
+    enough: bool = False
+    missing: float | None = None
+
+    def __str__(self) -> str:
+        if not self.errors:
+            return "error not known yet"
+        sections = ", ".join(f"{name} {100 * e:.2g}" for name, e in self.errors.items() if name != "whole")
+        return f"error {100 * self.errors['whole']:.2g} % ({sections})"
+
+
+Judge = Callable[[Sequence[Sums]], Standing]
+
+
+class Together:
+    """What the replicas of a case share while they run: the sums so far, and whether their average is good enough.
+
+    The judge is asked when there are a good part more segments than at the last time: it takes about a second.
+    """
+
+    _MORE = 1.08
+
+    def __init__(self, judge: Judge, parts: Sequence[Sums]) -> None:
+        self._judge, self._parts, self._next = judge, list(parts), 0.0
+        self.standing = Standing()
+
+    def add(self, sums: Sums) -> None:
+        """Take in a new segment of one of the runs."""
+        self._parts.append(sums)
+        self.look()
+
+    def renew(self, run: int, parts: Iterator[Sums]) -> None:
+        """Take these for all that there is of one of the runs: a damaged segment may have been dropped."""
+        self._parts = [sums for sums in self._parts if sums.run != run] + list(parts)
+
+    def look(self) -> None:
+        """Judge what there is, if it is enough more than before."""
+        if len(self._parts) >= self._next:
+            self._next = self._MORE * len(self._parts)
+            self.standing = self._judge(self._parts)
+
+    @property
+    def enough(self) -> bool:
+        """No run need go on."""
+        return self.standing.enough
+
+
+class Chain:
+    """Production in segments, in a folder of the store.
+
+    Parameters
+    ----------
+    folder : of the chain
+    settled : folder of the bed that it starts from
+    deck : what LIGGGHTS runs
+    number : which of the replicas it is
+    """
+
+    def __init__(self, folder: Path, plan: Plan, settled: Path, deck: Deck, number: int = 0) -> None:
+        self.folder, self.plan, self.settled, self.deck, self.number = folder, plan, settled, deck, number
+        self.settings = plan.dem
+        self._whole: set[Path] = set()
+
+    def published(self) -> list[Path]:
+        """Folders of the segments that are done, in order, up to the first that is missing or damaged."""
+        found: list[Path] = []
+        while len(found) < self.settings.segments and self._has_sums(path := self._segment(len(found) + 1)):
+            found.append(path)
+        return found
+
+    def _has_sums(self, segment: Path) -> bool:
+        if segment not in self._whole and is_whole(segment, "sums.npz"):
+            self._whole.add(segment)
+        return segment in self._whole
+
+    @property
+    def complete(self) -> bool:
+        """Nothing is left to do, whatever the target."""
+        return len(self.published()) == self.settings.segments
+
+    def sums(self) -> Iterator[Sums]:
+        """The sums of the segments that are done."""
+        return (load_sums(segment, self.number) for segment in self.published())
+
+    def _segment(self, number: int) -> Path:
+        return self.folder / f"segment-{number:05d}"
+
+    def run(self, walls: Path, together: Together, stage: str, progress: Progress) -> Iterator[None]:
+        """Run LIGGGHTS from the last good restart file to the last segment, or until the average is good enough."""
+        done, restart, present = self._resume_point()
+        together.renew(self.number, self.sums())
+        progress.stage(stage, f"continues after segment {done} of {self.settings.segments}" if done else "")
+        work = self.folder / "work"
+        shutil.rmtree(work, ignore_errors=True)
+        work.mkdir(parents=True)
+        check_space(work, int(self.plan.disk_bytes))
+        copy_walls(walls, work)
+        shutil.copyfile(restart, work / "start.restart")
+        (work / "produce.in").write_text(render(self.deck, "produce.in"))
+        variables = {"first": done + 1, "last": self.settings.segments}
+        limits = limits_of(self.deck, self.plan, self.settings.steps)
+        watch = _Watch(self, work, done, present, together, progress)
+        with (
+            evidence_kept(work, self.folder / "evidence"),
+            Liggghts("produce.in", work, self.settings.ranks, variables, limits) as process,
+        ):
+            for status in process.wait(watch.health.row):
+                watch.look(status)
+                if together.enough:
+                    break
+                yield
+            else:
+                watch.finish(process.status)
+        logs = self.folder / "logs"
+        logs.mkdir(exist_ok=True)
+        (work / "output.txt").replace(logs / f"produce-from-segment-{done + 1}.txt")
+        shutil.rmtree(work)
+
+    def _resume_point(self) -> tuple[int, Path, int]:
+        """Number of segments to build on, the restart file after them, its particles; what comes later is dropped."""
+        whole = [segment for segment in self.published() if is_whole(segment, "restart")]
+        done = int(whole[-1].name[-5:]) if whole else 0
+        for segment in self.folder.glob("segment-*"):
+            if int(segment.name[-5:]) > done:
+                shutil.rmtree(segment)
+                self._whole.discard(segment)
+        sweep(self.folder / "segment-*")
+        if done:
+            return done, whole[-1] / "restart", int(read_json(whole[-1] / "segment.json")["particles"])
+        for name in ("settled.restart", "settled.bin"):
+            if not is_whole(self.settled, name):
+                raise DataError(f"{self.settled / name}: damaged; delete {self.settled} and run again")
+        return 0, self.settled / "settled.restart", int(read_json(self.settled / "settle.json")["particles"])
+
+    def publish(self, number: int, sums: Sums, restart: Path, snapshot: Path, report: dict[str, Any]) -> None:
+        """Let a segment appear, and take the restart file from all but the newest."""
+        with publishing(self._segment(number)) as folder:
+            sums.save(folder / "sums.npz")
+            restart.replace(folder / "restart")
+            shutil.copyfile(snapshot, folder / "snapshot.bin")
+            write_json(folder / "segment.json", report)
+            write_hashes(folder, "sums.npz", "restart")
+        if number > _KEPT_RESTARTS:
+            old = self._segment(number - _KEPT_RESTARTS)
+            for name in ("restart", "snapshot.bin"):
+                (old / name).unlink(missing_ok=True)
+
+
+class _Watch:
+    """Follows a running production: checks its health, takes in snapshots, publishes segments."""
+
+    def __init__(
+        self, chain: Chain, work: Path, done: int, present: int, together: Together, progress: Progress
+    ) -> None:
+        self.chain, self.work, self.progress, self.together = chain, work, progress, together
+        self.settings = chain.settings
+        vessel = surroundings(chain.plan.outline, chain.settings, chain.deck.feed_speed)
+        self.health = FlowHealth(chain.settings, chain.plan.case, vessel, present)
+        self.collector = Collector(chain.plan.grid, "displacement")
+        self.segment = done + 1
+        self.next_step = done * self.settings.segment_steps
+        self.start_step, self.started = self.next_step, time.monotonic()
+        self.averaging = self.checking = 0.0
+        self.count = 0
+        self.disk = 0
+        self.recent: deque[Path] = deque()
+
+    def look(self, status: Status) -> None:
+        """Take in what has appeared since the last look, but not so much that the output goes unread."""
+        for _ in range(_AT_ONCE):
+            if not self._take_snapshot(status):
+                break
+        check_space(self.work)
+        self._report(status)
+
+    def _report(self, status: Status) -> None:
+        made = status.step - self.start_step
+        if made <= 0:
+            return
+        wanted = self.settings.steps - status.step
+        if self.together.standing.missing is not None:
+            missing = self.together.standing.missing / self.chain.plan.case.dem.replicas
+            wanted = min(wanted, round(missing / self.settings.time_step))
+        left = (time.monotonic() - self.started) * wanted / made
+        self.progress.update(
+            1 - wanted / max(1, status.step + wanted),
+            f"step {status.step}, {status.particles} particles, {self.together.standing}, {_duration(left)} left, "
+            f"{self.disk / 1e6:.0f} MB",
+        )
+
+    def finish(self, status: Status) -> None:
+        """The last look, after LIGGGHTS has ended well."""
+        while self._take_snapshot(status):
+            pass
+        if self.segment <= self.settings.segments:
+            raise DataError(
+                f"LIGGGHTS ended well, but snapshot.{self.next_step}.bin or its restart file is missing or cut short; "
+                "look for a full disk, then run again: it resumes"
+            )
+
+    def _take_snapshot(self, status: Status) -> bool:
+        """Add the next snapshot if it is there; at the end of a segment wait for its restart file as well."""
+        path = self.work / f"snapshot.{self.next_step}.bin"
+        if self.segment > self.settings.segments or not self._is_there(path, status):
+            return False
+        ends = self.next_step == self.segment * self.settings.segment_steps
+        restart = self.work / f"segment.{self.segment}.restart"
+        if ends and not restart.exists():
+            return False
+        begun = time.process_time()
+        snapshot = read_snapshot(path, DUMP_COLUMNS)
+        self.collector.add(self.next_step * self.settings.time_step, snapshot)
+        self.count = len(snapshot)
+        sums = self.collector.take() if ends else None
+        averaged = time.process_time()
+        self._check_health(snapshot, closely=ends)
+        self.averaging += averaged - begun
+        self.checking += time.process_time() - averaged
+        if sums is not None:
+            self._publish(sums, restart, path, status)
+        self._keep(path, ends)
+        self.next_step += self.settings.dump_every
+        return True
+
+    def _is_there(self, path: Path, status: Status) -> bool:
+        """Whether a snapshot is wholly written; DataError if it never will be, for LIGGGHTS is far beyond it."""
+        if path.exists() and is_complete(path):
+            return True
+        if status.step >= self.next_step + 2 * self.settings.dump_every:
+            raise DataError(
+                f"{path.name} is {'incomplete' if path.exists() else 'missing'} though LIGGGHTS has reached step "
+                f"{status.step}; look for a full disk, then run again: it resumes"
+            )
+        return False
+
+    def _check_health(self, snapshot: Snapshot, *, closely: bool) -> None:
+        self.health.snapshot(snapshot)
+        if closely:
+            self.health.closely(snapshot)
+
+    def _publish(self, sums: Sums, restart: Path, snapshot: Path, status: Status) -> None:
+        report = {
+            "particles": self.count,
+            "inserted": status.inserted,
+            "discharged": status.discharged,
+            "averaging_seconds": self.averaging,
+            "checking_seconds": self.checking,
+            "wall_seconds": time.monotonic() - self.started,
+            "ranks": self.settings.ranks,
+        }
+        check_space(self.chain.folder, 3 * restart.stat().st_size)
+        self.chain.publish(self.segment, sums, restart, snapshot, report)
+        self.segment += 1
+        self.disk = sum(path.stat().st_size for path in self.chain.folder.rglob("*") if path.is_file())
+        self.together.add(replace(sums, run=self.chain.number))
+
+    def _keep(self, path: Path, ends: bool) -> None:
+        kept = self.chain.plan.case.dem.keep_snapshots
+        if kept == "all" or (kept == "thinned" and ends):
+            folder = self.chain.folder / "snapshots"
+            folder.mkdir(exist_ok=True)
+            path.replace(folder / path.name)
+            return
+        self.recent.append(path)
+        if len(self.recent) > _KEPT_SNAPSHOTS:
+            self.recent.popleft().unlink()
+
+
+def limits_of(deck: Deck, plan: Plan, steps: int) -> Limits:
+    """What a run of this plan may use."""
+    settings = plan.dem
+    return Limits.of(settings.particles, settings.ranks, steps, deck.thermo_every * settings.particles / RATE)
+
+
+def write_hashes(folder: Path, *names: str) -> None:
+    """Note size and SHA-256 of files in ``hashes.json`` beside them."""
+    hashes = {name: [(folder / name).stat().st_size, digest(folder / name)] for name in names}
+    write_json(folder / "hashes.json", hashes)
+
+
+def is_whole(folder: Path, name: str) -> bool:
+    """Whether a file is there and as it was when its hash was noted."""
+    path = folder / name
+    try:
+        size, sha256 = read_json(folder / "hashes.json")[name]
+        return bool(path.stat().st_size == size > 0 and digest(path) == sha256)
+    except (DataError, OSError, KeyError):
+        return False
+
+
+def copy_walls(walls: Path, folder: Path) -> None:
+    for path in walls.glob("*.stl"):
+        shutil.copyfile(path, folder / path.name)
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
