@@ -381,7 +381,8 @@ class Contact(Group):
     youngs_modulus: Annotated[float | Literal["auto"], Quantity(PRESSURE, at_least=1e3, at_most=1e13, auto=True)] = (
         Field(
             default="auto",
-            description="Young's modulus; `auto` is as soft as the bed's own pressure allows, which is fast.",
+            description="Young's modulus; `auto` is as soft as limits on the overlap of particles under the bed's own "
+            "weight allow, which is fast.",
         )
     )
     poisson: Annotated[float, Quantity(at_least=0, at_most=0.5)] = Field(default=0.35, description="Poisson's ratio.")
@@ -451,7 +452,8 @@ class Dem(Group):
         description="Speed of the plate under the outlet: a numerical choice, not the process flow rate.",
     )
     time_step: Annotated[float | Literal["auto"], Quantity(TIME, above=0, at_most=1, auto=True)] = Field(
-        default="auto", description="Time step; `auto` is 0.2 Rayleigh times of the smallest particle."
+        default="auto",
+        description="Time step; `auto` is as long as Rayleigh time, collisions and neighbour skin allow.",
     )
     statistical_error: Annotated[float | None, Quantity(above=0, below=1)] = Field(
         default=None,
@@ -474,6 +476,11 @@ class Dem(Group):
     )
     reservoir_height: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=1000, auto=True)] = Field(
         default="auto", description="Height of the auxiliary reservoir above the inlet."
+    )
+    facets: Annotated[int | Literal["auto"], Whole(8, 240, auto=True)] = Field(
+        default="auto",
+        description="Flat facets of the walls per turn, a multiple of 4; `auto` is as few as stay within a tenth of a "
+        "particle diameter of the true wall.",
     )
     ranks: Annotated[int | Literal["auto"], Whole(1, 4096, auto=True)] = Field(
         default="auto", description="MPI processes; `auto` uses the free cores as far as it helps."

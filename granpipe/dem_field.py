@@ -34,6 +34,7 @@ from granpipe.quality import (
     error_gates,
     level_flow_gate,
     missing_time,
+    overlap_gates,
     packing_gate,
     size_gate,
 )
@@ -60,6 +61,7 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> Made:
         gates=(
             *_average_gates(plan, conserved, merge(steady).duration),
             *(size_gate(bed["mass_share"], bed["wanted_mass_share"]) for bed in settled),
+            *overlap_gates(settled[0]["overlap"]["mean"], settled[0]["overlap"]["p99"]),
             packing_gate(conserved.plug.packing),
             *map(breach_gate, plan.breaches),
         ),
@@ -71,6 +73,9 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> Made:
             "solids_flow_m3_per_s": conserved.plug.solids_flow,
             "bulk_packing": conserved.plug.packing,
             "particles": [run[-1]["particles"] for run in reports],
+            "youngs_modulus_pa": settings.youngs_modulus,
+            "time_step_s": settings.time_step,
+            "settled_overlap": [bed["overlap"] for bed in settled],
             "inserted_to_settle": [bed["inserted"] for bed in settled],
             "short_insertions": [bed["short_insertions"] for bed in settled],
             "produce_wall_seconds": [sum(_last_of_each_run(run, "wall_seconds")) for run in reports],

@@ -72,9 +72,11 @@ def _digest(file: CaseFile, known: str) -> str:
 
 def _dem(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
     from granpipe.dem_field import Judge, dem_field
+    from granpipe.pilot import piloted
     from granpipe.simulate import simulate
 
     _require_programs(plan, plan.dem.ranks)
+    plan = piloted(plan, store, tools, progress)
     productions = simulate(plan, store, tools, progress, Judge(plan))
     progress.stage("field")
     return dem_field(plan, productions)

@@ -12,6 +12,7 @@ from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError
 from granpipe.field import Grid
 from granpipe.geometry.outline import Outline
+from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
 from granpipe.regime import hopper_regime
 from granpipe.submodel import Span, spans, sub_case
 
@@ -28,6 +29,9 @@ FILL_TIME = 3.0
 
 RANK_GAIN = 0.9
 """Parallel efficiency of a few ranks on idle cores."""
+
+CHORD_LIMIT = 0.15
+"""Chord error of the wall in particle diameters beyond which a run is marked."""
 
 LEAST_SEGMENTS = 4
 """The ψ fit weighs the average by how segments differ; up to half of them may be transient."""
@@ -211,11 +215,23 @@ class _Scene:
         return replace(
             plan,
             settings=settings,
-            choices=settings.choices,
+            choices=(*settings.choices, self._facets(settings)),
             particle_steps=steps,
             seconds=steps / rate,
             disk_bytes=_disk(self.case, settings),
         )
+
+    def _facets(self, settings: Settings) -> Choice:
+        given, radius, diameter = self.case.dem.facets, self.outline.r_max, settings.classes.sauter_diameter
+        if given != "auto" and given % 4:
+            raise CaseError(f"must be a multiple of 4, so that quarters are equal, not {given}", ("dem", "facets"))
+        turn = Turn.within(radius, diameter) if given == "auto" else Turn.of(given, diameter)
+        error = turn.chord_error(radius) / diameter
+        breach = "" if error <= CHORD_LIMIT else f"the wall stands up to {error:.2g} particle diameters off"
+        criterion = (
+            f"circle at most {CHORD_ERROR:g} particle diameters above the chord, at least {FEWEST_FACETS} facets"
+        )
+        return Choice("facets per turn", str(turn.facets), criterion, breach)
 
     def _check_duration(self, settings: Settings) -> None:
         if self.case.homogenize.method == "psi" and settings.segments < LEAST_SEGMENTS:
@@ -305,15 +321,12 @@ class _Scene:
         return min(passage.gap for passage in self.passages) / CELLS_PER_OPENING
 
     def _vessel(self) -> Vessel:
-        outline = self.outline
+        outline, passages = self.outline, self.passages
         return Vessel(
-            top=outline.z_top,
-            outlet=outline.z_bottom,
-            inlet_radius=outline.inlet_radius,
-            outlet_radius=outline.outlet_radius,
-            largest_radius=outline.r_max,
+            wall=tuple((float(r), float(z)) for r, z in outline.wall),
             volume=outline.volume(),
-            openings=self.passages,
+            openings=passages,
+            shares=tuple(1.0 if p.required else min(1.0, p.area / float(outline.area(p.z))) for p in passages),
         )
 
 

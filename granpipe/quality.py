@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from granpipe.dem.contact import MEAN_OVERLAP, P99_OVERLAP
 from granpipe.field import Array
 
 LEVEL_FLOW_LIMIT = 0.05
@@ -85,6 +86,20 @@ def size_gate(share: list[float], wanted: list[float]) -> Gate:
         f"at most {SIZE_SHARE_LIMIT:g}",
         worst <= SIZE_SHARE_LIMIT,
     )
+
+
+def overlap_gates(mean: float, p99: float) -> list[Gate]:
+    """Overlap of the settled bed: mean and 99th percentile."""
+    limits = (("mean", mean, MEAN_OVERLAP), ("99th percentile of the", p99, P99_OVERLAP))
+    return [
+        Gate(
+            f"{name} overlap of particles, settled",
+            value,
+            f"at most {limit:g} (contact.youngs_modulus)",
+            value <= limit,
+        )
+        for name, value, limit in limits
+    ]
 
 
 def packing_gate(packing: float) -> Gate:

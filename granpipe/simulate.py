@@ -17,6 +17,7 @@ from granpipe.cores import usable_cores
 from granpipe.dem.deck import DUMP_COLUMNS, Deck, make_deck, render
 from granpipe.dem.dump import Snapshot, read_snapshot
 from granpipe.dem.health import FillingHealth
+from granpipe.dem.overlap import measure_overlap
 from granpipe.dem.run import Liggghts, Status
 from granpipe.geometry.walls import build_walls
 from granpipe.homogenize.average import Sums
@@ -68,7 +69,7 @@ def simulate(
     plan: Plan, store: Store, tools: dict[str, str], progress: Progress, judge: Judge
 ) -> tuple[Production, ...]:
     """Run the DEM stages of a plan, or find them done; one production for each replica that has segments."""
-    walls = _walls(plan, store, tools, progress)
+    walls = make_walls(plan, store, tools, progress)
     dem = plan.case.dem
     runs = [_Run(number, plan, walls, store, tools, progress) for number in range(dem.replicas)]
     together = Together(judge, [sums for run in runs for sums in run.chain.sums()])
@@ -79,8 +80,17 @@ def simulate(
     return tuple(run.production() for run in runs if run.chain.published())
 
 
-def _walls(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Path:
+def settle(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Path:
+    """The folder of the settled bed of a plan's first run."""
+    walls = make_walls(plan, store, tools, progress)
+    run = _Run(0, plan, walls, store, tools, progress)
+    run_together([Task(run.name("settle"), plan.dem.ranks, run.settle())], usable_cores())
+    return run.chain.settled
+
+
+def make_walls(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Path:
     settings, outline = plan.dem, plan.outline
+    facets = None if plan.case.dem.facets == "auto" else int(plan.case.dem.facets)
     numbers = {
         "top": settings.wall_top,
         "bottom": settings.bottom,
@@ -90,13 +100,14 @@ def _walls(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) 
     part = numbers | {
         "wall": outline.wall.tolist(),
         "obstacles": {name: polygon.tolist() for name, polygon in outline.obstacles.items()},
+        "facets": facets,
         "gmsh": tools["gmsh"],
     }
     key = key_of("walls", _VERSION, part)
     progress.stage("walls", _found(store, "walls", key))
 
     def work(folder: Path) -> None:
-        walls = build_walls(outline, folder=folder, **numbers)
+        walls = build_walls(outline, folder=folder, facets=facets, **numbers)
         report = {
             "facets": walls.facets,
             "wall_radius": walls.radius,
@@ -118,7 +129,7 @@ class _Run:
         dem = plan.case.dem
         self.plan = replace(plan, case=plan.case.varied({"dem.seed": str(dem.seed + number)}))
         self.number, self.walls, self.store, self.progress = number, walls, store, progress
-        self.deck = _deck(self.plan, walls)
+        self.deck = compose_deck(self.plan, walls)
         self.fill, produce = render(self.deck, "fill.in"), render(self.deck, "produce.in")
         stls = {path.name: digest(path) for path in sorted(walls.glob("*.stl"))}
         part: dict[str, Any] = {"deck": self.fill, "walls": stls, "liggghts": tools["liggghts"]}
@@ -136,7 +147,7 @@ class _Run:
         """Settle and produce what is missing; nothing where the others are good enough."""
         if together.enough and not self.chain.published():
             return
-        yield from self._settle()
+        yield from self.settle()
         if self.chain.complete or together.enough:
             self.progress.stage(self.name("produce"), "done before")
             return
@@ -152,7 +163,8 @@ class _Run:
         chain = self.chain
         return Production(self.number, chain.folder, tuple(chain.published()), chain.settled, self.walls)
 
-    def _settle(self) -> Generator[None, None, None]:
+    def settle(self) -> Generator[None, None, None]:
+        """Fill the vessel and come to rest, unless that is done."""
         self.progress.stage(self.name("settle"), _found(self.store, "settle", self.settle_key))
         yield from self.store.make_in_steps("settle", self.settle_key, self._fill)
 
@@ -181,12 +193,13 @@ class _Run:
             path.unlink()
 
 
-def _deck(plan: Plan, walls: Path) -> Deck:
+def compose_deck(plan: Plan, walls: Path) -> Deck:
     settings, outline = plan.dem, plan.outline
     report = read_json(walls / "walls.json")
     margin = settings.classes.largest + settings.skin / 2 + report["inward"]
+    above_plate = settings.plate_z + settings.classes.largest + settings.skin / 2
     frusta = outline.insertion_frusta(
-        settings.feed_top, settings.plate_z, margin, float(REPOSE), 2 * settings.classes.smallest
+        settings.feed_top, above_plate, margin, float(REPOSE), 2 * settings.classes.smallest
     )
     meshes = [f"obstacle_{name}" for name in outline.obstacles]
     return make_deck(plan.case, settings, frusta, meshes, report["wall_radius"])
@@ -198,6 +211,7 @@ def _settle_report(status: Status, bed: Snapshot, deck: Deck) -> dict[str, Any]:
     members = np.abs(bed.radius[:, None] - radii).argmin(axis=1)
     mass = np.bincount(members, minlength=len(radii)) * radii**3
     wanted = np.array([c.share for c in deck.classes]) * radii**3
+    overlap = measure_overlap(bed.position, bed.radius)
     return {
         "steps": status.step,
         "particles": len(bed),
@@ -205,6 +219,8 @@ def _settle_report(status: Status, bed: Snapshot, deck: Deck) -> dict[str, Any]:
         "short_insertions": status.short_insertions,
         "mass_share": (mass / mass.sum()).tolist(),
         "wanted_mass_share": (wanted / wanted.sum()).tolist(),
+        "youngs_modulus": deck.youngs_modulus,
+        "overlap": {"mean": overlap.mean, "p99": overlap.p99},
     }
 
 

@@ -6,16 +6,39 @@ import math
 
 GRAVITY = 9.81  # m/s²
 
-STEP_FRACTION = 0.2
-"""Time step over Rayleigh time: dense beds with tangential history come to rest at 0.2 and never do at 0.4."""
+MEAN_OVERLAP, P99_OVERLAP = 0.015, 0.05
+"""Overlap of touching particles over their mean diameter, at most: mean and 99th percentile of a bed."""
 
-STIFFNESS_RATIO = 500.0
-"""E*/P that keeps the mean overlap near 2 % of a diameter (Hertz: overlap/d ≈ 1.3 (P/E*)^(2/3))."""
+JANSSEN_RATIO = 0.4
+"""Horizontal over vertical stress of a bed at rest."""
 
-YOUNGS_RANGE = (5e6, 1e9)
-"""Pa; LIGGGHTS refuses values outside in SI units unless `soft_particles` or `hard_particles` says so."""
+STEP_SHARE = {"epsd2": 0.28, "cdt": 0.28, "none": 0.28}
+"""Time step over the smallest particle's Rayleigh time where contacts are not damped, for each rolling model."""
 
-_JANSSEN_RATIO = 0.4  # horizontal over vertical stress
+LONGEST_STEP = 0.2
+"""The same, at most: what is common for dense beds."""
+
+CONTACTS = 5.0
+"""Contacts of a particle in a dense bed that damp it together."""
+
+HERTZ_SHARE = 0.2
+"""Time step over the duration of the fastest collision, at most: below it the collision keeps its energy."""
+
+SKIN_SHARE = 0.4
+"""Way of the fastest particle in one step over the neighbour skin, at most; beyond 0.5 contacts are missed."""
+
+SHEAR_LAYER = 7.5
+"""Thickness of shear layers in particle diameters; they are 5 to 10 of them thick."""
+
+FRICTION_SLOPE = 2.0
+"""Relative change of the bulk friction per inertial number: 2 % at I = 0.01, 20 % at 0.12.
+
+Source: da Cruz et al., Phys. Rev. E 72, 021309 (2005); GDR MiDi, Eur. Phys. J. E 14, 341 (2004).
+"""
+
+_MEAN_FACTOR, _P99_FACTOR = 1.3, 3.3
+"""Overlap over (σ/E*)^(2/3): mean with the bed's mean stress (Hertz; Pongó et al., New J. Phys. 23, 023001), 99th
+percentile with its greatest; measured 1.0–1.4 and 2.8–3.5 in beds of granpipe, see docs/stability.md."""
 
 
 def shear_modulus(youngs: float, poisson: float) -> float:
@@ -46,18 +69,40 @@ def hertz_time(radius: float, density: float, youngs: float, poisson: float, spe
     return float(2.87 * (mass**2 / (radius / 2 * modulus**2 * speed)) ** 0.2)
 
 
-def janssen_stress(bulk_density: float, diameter: float, friction: float, depth: float) -> float:
-    """Vertical stress [Pa] at a depth in a silo, σ = (ρ g D/4μK)(1 − e^(−4μKz/D)) with K = 0.4; Sperl (2005)."""
+def step_share(rolling_model: str, restitution: float) -> float:
+    """Longest time step over the smallest particle's Rayleigh time at which a dense bed comes to rest.
+
+    Verlet's scheme takes damping from the velocity half a step ago: an oscillator of damping ratio ζ stays stable up to
+    √(1 + ζ²) − ζ of the undamped limit (Belytschko, Liu & Moran 2000, ch. 6). Of Z contacts ζ = β √(5Z/6) with
+    β = −ln e / √(π² + ln² e) (Tsuji et al. 1992). The factors are measured: docs/stability.md.
+    """
+    log = -math.log(restitution)
+    damping = log / math.hypot(math.pi, log) * math.sqrt(5 / 6 * CONTACTS)
+    return min(LONGEST_STEP, STEP_SHARE[rolling_model] * (math.hypot(1.0, damping) - damping))
+
+
+def janssen_step(stress: float, bulk_density: float, diameter: float, friction: float, depth: float) -> float:
+    """Vertical stress [Pa] a depth [m] further down a pipe, dσ/dz = ρ g − 4 μ K σ/D with K = 0.4; Sperl (2005)."""
     if friction == 0:
-        return bulk_density * GRAVITY * depth
-    length = diameter / (4 * friction * _JANSSEN_RATIO)
-    return bulk_density * GRAVITY * length * -math.expm1(-depth / length)
+        return stress + bulk_density * GRAVITY * depth
+    length = diameter / (4 * friction * JANSSEN_RATIO)
+    final = bulk_density * GRAVITY * length
+    return final + (stress - final) * math.exp(-depth / length)
 
 
-def softened_modulus(stress: float, poisson: float) -> float:
-    """Young's modulus [Pa], two digits, that keeps E*/P at `STIFFNESS_RATIO`, no softer than LIGGGHTS takes."""
-    youngs = STIFFNESS_RATIO * stress * 2 * (1 - poisson**2)
-    return max(YOUNGS_RANGE[0], two_digits(youngs))
+def softened_modulus(mean_stress: float, peak_stress: float, poisson: float) -> float:
+    """Least Young's modulus [Pa] at which a bed under these stresses keeps both limits of overlap."""
+    modulus: float = max(
+        mean_stress * (_MEAN_FACTOR / MEAN_OVERLAP) ** 1.5,
+        peak_stress * (_P99_FACTOR / P99_OVERLAP) ** 1.5,
+    )
+    return modulus / effective_modulus(1.0, poisson)
+
+
+def stiffening(mean_overlap: float, p99_overlap: float) -> float:
+    """Factor on Young's modulus that brings a measured overlap within its limits: overlap goes with E^(−2/3)."""
+    excess: float = max(mean_overlap / MEAN_OVERLAP, p99_overlap / P99_OVERLAP) ** 1.5
+    return excess
 
 
 def beverloo_flow(diameter: float, particle: float) -> float:
@@ -73,7 +118,24 @@ def slot_flow(length: float, width: float, particle: float) -> float:
     return float(1.03 * math.sqrt(GRAVITY) * length * max(0.0, width - 1.4 * particle) ** 1.5)
 
 
+def inertial_number(speed: float, gap: float, particle: float, density: float, stress: float) -> float:
+    """I = γ̇ d √(ρ/P) of a bed that moves at this speed [m/s] through a gap [m] under a vertical stress [Pa].
+
+    The speed falls to 0 over a shear layer of `SHEAR_LAYER` diameters, or half the gap; P is the mean of the three
+    principal stresses. Source: GDR MiDi (2004).
+    """
+    layer = min(SHEAR_LAYER * particle, 0.5 * gap)
+    pressure = stress * (1 + 2 * JANSSEN_RATIO) / 3
+    return speed / layer * particle * math.sqrt(density / pressure)
+
+
 def two_digits(value: float) -> float:
     """`value` rounded down to two significant digits, so that decks read well."""
     scale = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.floor(value / scale + 1e-9) * scale:.2g}")
+
+
+def two_digits_up(value: float) -> float:
+    """`value` rounded up to two significant digits."""
+    down = two_digits(value)
+    return down if math.isclose(down, value) else two_digits(down + 10.0 ** (math.floor(math.log10(down)) - 1))

@@ -6,6 +6,7 @@ Pure: numbers in, numbers out. The planner shows each choice with its criterion.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,6 +14,7 @@ from granpipe.case import Case
 from granpipe.cores import usable_cores
 from granpipe.dem import contact
 from granpipe.dem.sizes import SizeClasses, size_classes
+from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
 
 PACKING = 0.58
@@ -27,6 +29,9 @@ that the disk that their sums take does not grow with the length of the run."""
 
 BEVERLOO_SHARE = 0.1
 """Flow through every opening over its free discharge, at most: beyond it inertia shows in the field."""
+
+ERROR_TARGET = 0.05
+"""Error of the field that the plate speed is chosen for, unless the case asks for another."""
 
 RATE = 1.5e6
 """Particle-steps per second of one rank: two made 2.7e6 with hertz/epsd2 and 13 000 spheres on two idle cores."""
@@ -44,7 +49,11 @@ class Opening(Protocol):
     @property
     def r_outer(self) -> float: ...
     @property
+    def z(self) -> float: ...
+    @property
     def gap(self) -> float: ...
+    @property
+    def area(self) -> float: ...
     @property
     def required(self) -> bool: ...
     @property
@@ -60,15 +69,39 @@ def free_flow(opening: Opening, particle: float) -> float:
 
 @dataclass(frozen=True)
 class Vessel:
-    """What the settings need to know of the geometry; lengths in m, z up."""
+    """What the settings need to know of the geometry; lengths in m, z up.
 
-    top: float
-    outlet: float
-    inlet_radius: float
-    outlet_radius: float
-    largest_radius: float
+    Parameters
+    ----------
+    wall : (r, z) from the inlet down to the outlet
+    openings : every narrowing
+    shares : of the flow that passes each opening
+    """
+
+    wall: tuple[tuple[float, float], ...]
     volume: float
     openings: tuple[Opening, ...]
+    shares: tuple[float, ...]
+
+    @property
+    def top(self) -> float:
+        return self.wall[0][1]
+
+    @property
+    def outlet(self) -> float:
+        return self.wall[-1][1]
+
+    @property
+    def inlet_radius(self) -> float:
+        return self.wall[0][0]
+
+    @property
+    def outlet_radius(self) -> float:
+        return self.wall[-1][0]
+
+    def bed(self, top: float, bottom: float) -> list[tuple[float, float]]:
+        """(r, z) of the wall with its straight ends above inlet and below outlet."""
+        return [(self.inlet_radius, top), *self.wall, (self.outlet_radius, bottom)]
 
 
 @dataclass(frozen=True)
@@ -125,25 +158,28 @@ def choose(case: Case, vessel: Vessel) -> Settings:
     """Settle every number of the DEM run; CaseError where the case asks for the impossible."""
     classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
     gap_choices = [_check_gap(opening, classes) for opening in vessel.openings]
+    _check_rest(case)
     reservoir = _reservoir_height(case, vessel, classes)
-    depth = vessel.top - vessel.outlet + reservoir
-    youngs, youngs_choice = _youngs_modulus(case, vessel, depth)
-    step, rayleigh, step_choice = _time_step(case, classes, youngs)
-    speed, speed_choice = _flow_speed(case, vessel, classes)
+    level = vessel.top + reservoir
     open_outlet = case.dem.outlet == "open"
     clearance = 0.0 if open_outlet else max(5 * classes.d90, vessel.outlet_radius)
+    plate_z = vessel.outlet - clearance
+    feed = min(reservoir, 8 * classes.largest)
+    skin = contact.two_digits(0.2 * classes.mean_diameter)
+    stress = bed_stress(vessel.bed(level, plate_z), PACKING * case.material.density, case.contact.wall.friction)
+    youngs, youngs_choice = _youngs_modulus(case, stress)
+    speed, speed_choice = _flow_speed(case, vessel, classes, stress)
+    fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z)) + speed
+    step, rayleigh, step_choice = _time_step(case, classes, youngs, fall, skin)
     travel = 0.0 if open_outlet else speed * case.dem.max_time
     dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))
     dumps = case.dem.max_time / (step * dump_every)
     dumps_per_segment = max(1, math.ceil(dumps / MOST_SEGMENTS))
     segments = max(1, round(dumps / dumps_per_segment))
-    level = vessel.top + reservoir
     volume = vessel.volume + math.pi * (
         vessel.inlet_radius**2 * reservoir + vessel.outlet_radius**2 * (clearance + 0.5 * travel)
     )
     particles = round(PACKING * volume / classes.mean_volume)
-    plate_z = vessel.outlet - clearance
-    feed = min(reservoir, 8 * classes.largest)
     return Settings(
         classes=classes,
         youngs_modulus=youngs,
@@ -157,7 +193,7 @@ def choose(case: Case, vessel: Vessel) -> Settings:
         wall_top=level + feed / 2 + 2 * classes.largest,
         plate_z=plate_z,
         bottom=plate_z - travel - (6 if open_outlet else 4) * classes.largest,
-        skin=contact.two_digits(0.2 * classes.mean_diameter),
+        skin=skin,
         dump_every=dump_every,
         segment_steps=dump_every * dumps_per_segment,
         segments=segments,
@@ -197,46 +233,89 @@ def _reservoir_height(case: Case, vessel: Vessel, classes: SizeClasses) -> float
     return max(vessel.inlet_radius, 5 * classes.d90)
 
 
-def _youngs_modulus(case: Case, vessel: Vessel, depth: float) -> tuple[float, Choice]:
-    material, parts = case.material, case.contact
-    stress = contact.janssen_stress(material.density * PACKING, 2 * vessel.largest_radius, parts.wall.friction, depth)
-    least = contact.STIFFNESS_RATIO * stress
-    given = parts.youngs_modulus
-    youngs = contact.softened_modulus(stress, parts.poisson) if given == "auto" else float(given)
-    ratio = contact.effective_modulus(youngs, parts.poisson) / stress
-    criterion = f"E*/P at least {contact.STIFFNESS_RATIO:g} (E* {least:.2g} Pa) under Janssen's {stress:.3g} Pa"
-    breach = "" if ratio >= 0.9 * contact.STIFFNESS_RATIO else f"E*/P is {ratio:.3g}: the bed overlaps too much"
+def _check_rest(case: Case) -> None:
+    """CaseError where contacts neither rub nor lose energy."""
+    parts = case.contact
+    if parts.restitution == 1 and parts.friction == 0:
+        raise CaseError(
+            "particles that neither rub (contact.friction: 0) nor lose energy (restitution: 1) never come to rest; "
+            "give one of the two",
+            key=("contact", "restitution"),
+        )
+
+
+def _youngs_modulus(case: Case, stress: BedStress) -> tuple[float, Choice]:
+    parts = case.contact
+    needed = contact.softened_modulus(stress.mean, stress.peak, parts.poisson)
+    youngs = contact.two_digits_up(needed) if parts.youngs_modulus == "auto" else float(parts.youngs_modulus)
+    criterion = (
+        f"overlap at most {contact.MEAN_OVERLAP:.1%} on average and {contact.P99_OVERLAP:.1%} at the 99th percentile "
+        f"under Janssen's {stress.mean:.3g} Pa on average and {stress.peak:.3g} Pa at most"
+    )
+    breach = "" if youngs >= 0.5 * needed else f"the bed overlaps too much; it needs about {needed:.2g} Pa"
     return youngs, Choice("youngs_modulus", f"{youngs:.3g} Pa", criterion, breach)
 
 
-def _time_step(case: Case, classes: SizeClasses, youngs: float) -> tuple[float, float, Choice]:
-    rayleigh = contact.rayleigh_time(classes.smallest, case.material.density, youngs, case.contact.poisson)
+def _time_step(
+    case: Case, classes: SizeClasses, youngs: float, speed: float, skin: float
+) -> tuple[float, float, Choice]:
+    """Time step and Rayleigh time [s]; `speed` is that of the fastest particle to be expected [m/s]."""
+    material, poisson = case.material, case.contact.poisson
+    rayleigh = contact.rayleigh_time(classes.smallest, material.density, youngs, poisson)
+    hertz = contact.hertz_time(classes.smallest, material.density, youngs, poisson, speed)
+    parts = case.contact
+    share = contact.step_share(parts.rolling_model, min(parts.restitution, parts.wall.restitution))
+    limits = {
+        f"{share:.2g} of the smallest particle's Rayleigh time of {rayleigh:.3g} s": share * rayleigh,
+        f"{contact.HERTZ_SHARE:g} of its collision of {hertz:.3g} s at {speed:.3g} m/s": contact.HERTZ_SHARE * hertz,
+        f"{contact.SKIN_SHARE:g} of the neighbour skin of {skin:.3g} m at {speed:.3g} m/s": contact.SKIN_SHARE
+        * skin
+        / speed,
+    }
+    criterion, limit = min(limits.items(), key=lambda item: item[1])
     given = case.dem.time_step
-    step = contact.two_digits(contact.STEP_FRACTION * rayleigh) if given == "auto" else float(given)
-    share = step / rayleigh
-    criterion = f"{contact.STEP_FRACTION:g} of the smallest particle's Rayleigh time of {rayleigh:.3g} s"
-    breach = (
-        "" if share <= 1.05 * contact.STEP_FRACTION else f"{share:.2g} of the Rayleigh time: may never come to rest"
-    )
+    step = contact.two_digits(limit) if given == "auto" else float(given)
+    breach = "" if step <= 1.05 * limit else f"at most {criterion} is stable; the bed may never come to rest"
     return step, rayleigh, Choice("time_step", f"{step:.3g} s", criterion, breach)
 
 
-def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses) -> tuple[float, Choice]:
+def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStress) -> tuple[float, Choice]:
     """Plate speed [m/s]; with an open outlet the mean speed of the free discharge through the narrowest opening."""
     area = math.pi * vessel.outlet_radius**2
-    narrowest = min(
-        (opening for opening in vessel.openings if opening.required),
-        key=lambda opening: free_flow(opening, classes.mean_diameter),
-    )
-    free, name = free_flow(narrowest, classes.mean_diameter), narrowest.name
     if case.dem.outlet == "open":
-        return free / area, Choice("flow", f"{free:.3g} m³/s", f"free discharge at the {name} after Beverloo")
+        required = [opening for opening in vessel.openings if opening.required]
+        narrowest = min(required, key=lambda opening: free_flow(opening, classes.mean_diameter))
+        free = free_flow(narrowest, classes.mean_diameter)
+        return free / area, Choice("flow", f"{free:.3g} m³/s", f"free discharge at the {narrowest.name} after Beverloo")
+    quick, quick_name = _least(vessel, lambda o, s: BEVERLOO_SHARE * free_flow(o, classes.mean_diameter) / (s * area))
+    inertia = (case.dem.statistical_error or ERROR_TARGET) / contact.FRICTION_SLOPE
+
+    def calm_speed(opening: Opening, share: float) -> float:
+        """Plate speed at which the inertial number in an opening is at its limit."""
+        at_one = contact.inertial_number(
+            share * area / opening.area,
+            opening.gap,
+            classes.sauter_diameter,
+            case.material.density,
+            stress.at(opening.z),
+        )
+        return inertia / at_one
+
+    calm, calm_name = _least(vessel, calm_speed)
     given = case.dem.plate_speed
-    speed = contact.two_digits(BEVERLOO_SHARE * free / area) if given == "auto" else float(given)
-    share = speed * area / free
-    criterion = f"at most {BEVERLOO_SHARE:.0%} of the free discharge (Beverloo) at the {name}"
-    breach = "" if share <= 1.05 * BEVERLOO_SHARE else f"{share:.0%} of the free discharge at the {name}: inertia shows"
+    speed = contact.two_digits(min(quick, calm)) if given == "auto" else float(given)
+    criterion = (
+        f"at most {BEVERLOO_SHARE:.0%} of the free discharge (Beverloo) at the {quick_name}: {quick:.3g} m/s; "
+        f"inertial number at most {inertia:.2g} at the {calm_name}: {calm:.3g} m/s"
+    )
+    breach = "" if speed <= 1.05 * min(quick, calm) else f"{speed / min(quick, calm):.2g} times too fast: inertia shows"
     return speed, Choice("plate_speed", f"{speed:.3g} m/s", criterion, breach)
+
+
+def _least(vessel: Vessel, limit: Callable[[Opening, float], float]) -> tuple[float, str]:
+    """Least of the limits of all openings that anything flows through, and the name of that opening."""
+    limits = [(limit(o, share), o.name) for o, share in zip(vessel.openings, vessel.shares, strict=True)]
+    return min((value, name) for value, name in limits if value > 0)
 
 
 def _ranks(case: Case, particles: int) -> int:

@@ -52,6 +52,15 @@ class Turn:
             )
         return cls(4 * ceil(fewest / 4 - 1e-9), allowance)
 
+    @classmethod
+    def of(cls, facets: int, particle_diameter: float) -> Turn:
+        """So many facets, whatever their chord error."""
+        return cls(facets, CHORD_ERROR * particle_diameter)
+
+    def chord_error(self, radius: float) -> float:
+        """How far the circle of this radius stands above the middle of a facet's chord [m]."""
+        return radius * (1 - cos(pi / self.facets))
+
     @property
     def scale(self) -> float:
         """Radius of the polygon's corners over that of the circle of the same area."""

@@ -51,7 +51,14 @@ class Walls:
 
 
 def build_walls(
-    outline: Outline, *, top: float, bottom: float, plate_z: float | None, particle_diameter: float, folder: Path
+    outline: Outline,
+    *,
+    top: float,
+    bottom: float,
+    plate_z: float | None,
+    particle_diameter: float,
+    folder: Path,
+    facets: int | None = None,
 ) -> Walls:
     """Write the STL files into the folder.
 
@@ -63,14 +70,15 @@ def build_walls(
     top, bottom : upper and lower end of the wall mesh [m]
     plate_z : height of the flat disc in the outlet [m]; None: there is none
     particle_diameter : what the chord error is measured by [m]
+    facets : per turn, a multiple of 4; None: as few as the chord error allows
     """
     if not (top >= outline.z_top and bottom <= outline.z_bottom):
         raise ValueError("reservoir and extension lie outside the outline")
-    turn = Turn.within(outline.r_max, particle_diameter)
+    turn = _turn(outline.r_max, particle_diameter, facets)
     lines = {"vessel": ([_vessel(outline, top, bottom)], turn)}
     for name in outline.obstacles:
         radius = _group_radius(outline, name)
-        lines[f"obstacle_{name}"] = (_exposed(outline, name), Turn.within(radius, particle_diameter))
+        lines[f"obstacle_{name}"] = (_exposed(outline, name), _turn(radius, particle_diameter, facets))
     if plate_z is not None:
         lines["plate"] = ([np.array([[0.0, plate_z], [outline.outlet_radius, plate_z]])], turn)
     files, meshes = {}, {}
@@ -88,6 +96,10 @@ def build_walls(
         smallest_angle=min(_checked(name, mesh) for name, mesh in meshes.items()),
         box=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], axis=1),
     )
+
+
+def _turn(radius: float, particle_diameter: float, facets: int | None) -> Turn:
+    return Turn.within(radius, particle_diameter) if facets is None else Turn.of(facets, particle_diameter)
 
 
 def _vessel(outline: Outline, top: float, bottom: float) -> Array:

@@ -52,3 +52,9 @@ def test_a_tiny_step_is_left_out_only_where_particles_cannot_tell():
     assert len(generatrix(step, Turn(24, 0.003), "wall")) == 3
     with pytest.raises(MeshError, match="leave it out"):
         generatrix(step, Turn(24, 0.001), "wall")
+
+
+def test_the_chord_error_is_the_height_of_the_circle_above_the_chord() -> None:
+    turn = Turn.of(8, 0.02)
+    assert turn.facets == 8
+    assert turn.chord_error(0.06) == pytest.approx(0.06 * (1 - np.cos(np.pi / 8)))

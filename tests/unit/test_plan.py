@@ -47,20 +47,75 @@ def test_particles_too_large_for_an_opening_are_refused_with_the_ratio(tiny: Pat
 
 def test_a_time_step_of_the_case_outside_the_stable_range_is_marked(tiny: Path) -> None:
     assert plan_of(tiny).breaches == ()
-    (breach,) = plan_of(tiny, dem__time_step="4e-4").breaches
+    rayleigh = plan_of(tiny).dem.rayleigh_time
+    assert plan_of(tiny, dem__time_step=repr(0.15 * rayleigh)).breaches == ()
+    (breach,) = plan_of(tiny, dem__time_step=repr(0.3 * rayleigh)).breaches
     assert "Rayleigh" in breach
 
 
-def test_the_automatic_step_is_a_fifth_of_the_rayleigh_time_or_a_little_less(tiny: Path) -> None:
-    dem = plan_of(tiny).dem
-    assert 0.18 < dem.time_step / dem.rayleigh_time <= 0.2
+def test_the_automatic_step_is_what_damped_contacts_allow_and_a_fifth_of_the_rayleigh_time_at_most(tiny: Path) -> None:
+    strong, usual, weak = (plan_of(tiny, contact__restitution=e).dem for e in ("0.1", "0.43", "0.95"))
+    assert strong.time_step / strong.rayleigh_time < 0.105
+    assert 0.15 < usual.time_step / usual.rayleigh_time < 0.18
+    assert 0.18 < weak.time_step / weak.rayleigh_time <= 0.2
+    assert plan_of(tiny, contact__wall="{restitution: 0.1}").dem.time_step < usual.time_step
+
+
+def test_fast_particles_in_a_thin_skin_shorten_the_automatic_step(tiny: Path) -> None:
+    """Soft particles of a tall vessel: what falls through it would jump over the skin in a fifth of a Rayleigh time."""
+    wall = "[[6, 800], [6, 0]]"
+    dem = plan_of(tiny, outline__wall=wall, contact__youngs_modulus="1e6").dem
+    assert dem.time_step < 0.15 * dem.rayleigh_time
+    assert dem.time_step * (2 * 9.81 * 8) ** 0.5 < 0.5 * dem.skin
+
+
+def test_youngs_modulus_follows_the_weight_of_the_bed(tiny: Path) -> None:
+    light, heavy = (plan_of(tiny, material__density=rho).dem.youngs_modulus for rho in ("200", "20000"))
+    assert heavy == pytest.approx(100 * light, rel=0.1)
+    assert plan_of(tiny, contact__wall="{friction: 0}").dem.youngs_modulus > plan_of(tiny).dem.youngs_modulus
+
+
+def test_a_modulus_of_the_case_that_is_far_too_soft_is_marked(tiny: Path) -> None:
+    auto = plan_of(tiny).dem.youngs_modulus
+    assert plan_of(tiny, contact__youngs_modulus=repr(0.9 * auto)).breaches == ()
+    (breach,) = plan_of(tiny, contact__youngs_modulus=repr(0.1 * auto)).breaches
+    assert "overlaps" in breach
+
+
+def test_particles_that_neither_rub_nor_lose_energy_are_refused(tiny: Path) -> None:
+    with pytest.raises(CaseError, match="never come to rest") as refusal:
+        plan_of(tiny, contact__restitution="1", contact__friction="0")
+    assert refusal.value.key == ("contact", "restitution")
+    plan_of(tiny, contact__restitution="1")
+    plan_of(tiny, contact__friction="0")
 
 
 def test_the_automatic_plate_speed_stays_below_a_tenth_of_the_free_discharge(tiny: Path) -> None:
     plan = plan_of(tiny, dem__plate_speed="auto")
     assert plan.breaches == ()
+    free = 0.58 * 9.81**0.5 * (0.12 - 1.4 * 0.02) ** 2.5 / (3.14159 * 0.06**2)
+    assert 0.09 < plan.dem.plate_speed / free <= 0.1
     faster = plan_of(tiny, dem__plate_speed=str(1.5 * plan.dem.plate_speed))
     assert any("inertia" in breach for breach in faster.breaches)
+
+
+def test_a_small_opening_beside_a_wide_one_slows_the_plate(tiny: Path) -> None:
+    """A free ring leaves a wide way inside and a narrow one outside; what the narrow one can let through counts."""
+    changes = {"outline__wall": "[[30, 30], [30, 0]]"}
+    open_pipe = plan_of(tiny, dem__plate_speed="auto", **changes)
+    ring = "{ring: [[15, 14], [19, 14], [19, 16], [15, 16]]}"
+    with_ring = plan_of(tiny, dem__plate_speed="auto", outline__obstacles=ring, **changes)
+    assert with_ring.dem.plate_speed < open_pipe.dem.plate_speed
+    (choice,) = [choice for choice in with_ring.choices if choice.name == "plate_speed"]
+    assert "gap between ring and the wall" in choice.criterion
+
+
+def test_few_facets_are_marked_and_odd_numbers_refused(tiny: Path) -> None:
+    assert plan_of(tiny, dem__facets="16").breaches == ()
+    (breach,) = plan_of(tiny, dem__facets="8").breaches
+    assert "facets" in breach
+    with pytest.raises(CaseError, match="multiple of 4"):
+        plan_of(tiny, dem__facets="10")
 
 
 def test_snapshots_and_segments_follow_the_plates_travel(tiny: Path) -> None:
