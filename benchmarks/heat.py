@@ -9,7 +9,7 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -19,14 +19,13 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tests"))
 from fakes.comsol_text import read_sections  # noqa: E402
+from methods import paper  # noqa: E402
 
 from granpipe.case import load_case  # noqa: E402
 from granpipe.export.comsol import write_comsol  # noqa: E402
 from granpipe.field import Array, Field  # noqa: E402
 from granpipe.geometry.outline import Outline  # noqa: E402
 from granpipe.geometry.section import mesh_section  # noqa: E402
-from granpipe.homogenize.conserve import scale_rows  # noqa: E402
-from granpipe.homogenize.smooth import flowing_faces, smooth  # noqa: E402
 from granpipe.rzmesh import RZMesh  # noqa: E402
 from granpipe.study.heat import (  # noqa: E402
     HeatProblem,
@@ -118,12 +117,6 @@ class Scene:
 
 def exported_flows(folder: Path, field: Field) -> dict[str, Flow]:
     """By how they are used: the files of the result, and those that its plain average would have given."""
-    assert field.raw_flux_r is not None
-    assert field.raw_flux_z is not None
-    solids_flow = field.bulk_flow * field.bulk_packing
-    faces = flowing_faces(field.bulk, field.inside_fraction)
-    scaled = scale_rows(field.raw_flux_r * faces[0], field.raw_flux_z * faces[1], field.grid, solids_flow)
-    paper = scale_rows(*smooth(*scaled, faces, passes=2), field.grid, solids_flow)
     r, z, psi = grid_file(folder / "psi_grid.txt")
     r = np.sqrt(r)
     flows: dict[str, Flow] = {
@@ -131,10 +124,9 @@ def exported_flows(folder: Path, field: Field) -> dict[str, Flow]:
         AT_POINTS: Velocity(derivatives(r, z, psi)),
         LINEAR: velocity_files(folder),
     }
-    for name, flux in ((SCALED, scaled), (PAPER, paper)):
+    for name, passes in ((SCALED, 0), (PAPER, 2)):
         with tempfile.TemporaryDirectory() as other:
-            plain = replace(field, flux_r=flux[0], flux_z=flux[1], psi=None)
-            write_comsol(plain, Path(other), name="x", solids_density=1.0, date=datetime.now(UTC))
+            write_comsol(paper(field, passes), Path(other), name="x", solids_density=1.0, date=datetime.now(UTC))
             flows[name] = velocity_files(Path(other))
     return flows
 

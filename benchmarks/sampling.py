@@ -34,18 +34,24 @@ def main() -> None:
     outline = Outline.from_case(load_case(options.case))
     grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, options.cell)
     print("| | " + " | ".join(SAMPLINGS) + " |\n|---|---|---|")
-    columns = [compare(segments(options, grid, sampling), outline, grid) for sampling in SAMPLINGS]
+    columns = []
+    for sampling in SAMPLINGS:
+        parts = segments(options.snapshots, options.time_step, grid, sampling, options.segment)
+        columns.append(compare([part for part in parts if part.start >= options.start], outline, grid))
     for name in columns[0]:
         print(f"| {name} | " + " | ".join(f"{100 * column[name]:.1f} %" for column in columns) + " |")
 
 
-def segments(options: argparse.Namespace, grid: Grid, sampling: Literal["velocity", "displacement"]) -> list[Sums]:
+def segments(
+    folder: Path, time_step: float, grid: Grid, sampling: Literal["velocity", "displacement"], length: int
+) -> list[Sums]:
+    """Sums over every so many snapshots of a folder."""
     collector, parts = Collector(grid, sampling), []
-    for number, path in enumerate(sorted(options.snapshots.glob("*.bin"), key=first_step)):
-        collector.add(first_step(path) * options.time_step, read_snapshot(path))
-        if number and number % options.segment == 0:
+    for number, path in enumerate(sorted(folder.glob("*.bin"), key=first_step)):
+        collector.add(first_step(path) * time_step, read_snapshot(path))
+        if number and number % length == 0:
             parts.append(collector.take())
-    return [part for part in parts if part.start >= options.start]
+    return parts
 
 
 def compare(parts: list[Sums], outline: Outline, grid: Grid) -> dict[str, float]:
