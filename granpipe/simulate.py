@@ -5,6 +5,7 @@ Replicas are the same case with other seeds: chains of their own, side by side, 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -169,7 +170,7 @@ class _Run:
         yield from self.store.make_in_steps("settle", self.settle_key, self._fill)
 
     def _fill(self, folder: Path) -> Iterator[None]:
-        settings = self.plan.dem
+        settings, begun = self.plan.dem, time.monotonic()
         copy_walls(self.walls, folder)
         (folder / "fill.in").write_text(self.fill)
         health = FillingHealth(settings, self.plan.case)
@@ -187,7 +188,8 @@ class _Run:
                 self.progress.update(share, f"{status.particles} particles{rest}")
                 yield
         bed = read_snapshot(folder / "settled.bin", DUMP_COLUMNS)
-        write_json(folder / "settle.json", _settle_report(status, bed, self.deck))
+        spent = {"wall_seconds": time.monotonic() - begun, "ranks": settings.ranks}
+        write_json(folder / "settle.json", _settle_report(status, bed, self.deck) | spent)
         write_hashes(folder, "settled.bin", "settled.restart")
         for path in folder.glob("*.stl"):
             path.unlink()
