@@ -15,7 +15,7 @@ from granpipe import __version__
 from granpipe.errors import GranpipeError
 
 if TYPE_CHECKING:
-    from granpipe.case import CaseFile
+    from granpipe.case import Case, CaseFile
     from granpipe.errors import CaseError
     from granpipe.plan import Model, Plan
     from granpipe.sweep import Folder
@@ -446,8 +446,20 @@ def _dem_lines(title: str, plan: Plan) -> list[str]:
         *(f"  {choice.name:<{width}}  {choice.value:<12} {choice.criterion}" for choice in dem.choices),
         f"  {dem.particles} particles in {len(dem.classes.radius)} size classes; {dem.steps} steps of "
         f"{dem.time_step:.3g} s: {dem.duration:.4g} s in {dem.segments} segments; {dem.ranks} ranks",
+        *_length_lines(plan.case),
         "",
     ]
+
+
+def _length_lines(case: Case) -> list[str]:
+    lines = []
+    if case.dem.replicas > 1:
+        lines.append(
+            f"  {case.dem.replicas} replicas, seeds {case.dem.seed} to {case.dem.seed + case.dem.replicas - 1}"
+        )
+    if (target := case.dem.statistical_error) is not None:
+        lines.append(f"  ends sooner if the statistical error of every section is at most {100 * target:.3g} %")
+    return lines
 
 
 def _variant_line(model: Model, plan: Plan | CaseError) -> str:

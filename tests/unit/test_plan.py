@@ -133,7 +133,10 @@ def test_a_long_run_has_longer_segments_but_no_more_of_them(tiny: Path) -> None:
 
 
 def test_replicas_share_the_cores(tiny: Path) -> None:
-    assert plan_of(tiny, dem__replicas="1000").dem.ranks == 1
+    one, many = plan_of(tiny), plan_of(tiny, dem__replicas="1000")
+    assert many.dem.ranks == 1
+    assert many.particle_steps == pytest.approx(1000 * one.particle_steps)
+    assert many.seconds <= 1000 * one.seconds
 
 
 def test_more_ranks_than_cores_are_refused(tiny: Path) -> None:
