@@ -6,7 +6,7 @@ CASE ?= cases/reactor.yaml
 VENV := .venv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test verify fuzz benchmarks docs lock clean
+.PHONY: help setup run test verify fuzz stability benchmarks docs lock clean
 
 help:
 	@echo 'make setup       Debian packages that are missing, and the virtual environment .venv'
@@ -14,6 +14,7 @@ help:
 	@echo 'make test        setup, then ruff, mypy and every test that is not slow'
 	@echo 'make verify      setup, then the slow tests, and fuzz'
 	@echo 'make fuzz        setup, then 100 000 damaged inputs for each reader'
+	@echo 'make stability   setup, then the stability suite, half an hour; writes docs/stability.md'
 	@echo 'make benchmarks  setup, then everything in benchmarks/; writes docs/benchmarks*.md'
 	@echo 'make docs        makes docs/case.md anew, from the schema'
 	@echo 'make lock        makes requirements.lock anew, from the newest versions'
@@ -37,10 +38,14 @@ verify: setup fuzz
 fuzz: setup
 	$(VENV)/bin/python -m pytest tests/fuzz --inputs 100000
 
+stability: setup
+	$(VENV)/bin/granpipe stability --out docs
+
 benchmarks: setup
 	$(VENV)/bin/python benchmarks/run.py
 	$(VENV)/bin/python benchmarks/fluid.py
 	$(VENV)/bin/python benchmarks/force_factor.py
+	$(VENV)/bin/python benchmarks/dem_settings.py
 
 docs: setup
 	$(VENV)/bin/python -c 'from granpipe.casedoc import reference; print(reference(), end="")' >docs/case.md

@@ -191,6 +191,36 @@ def compare(one: Path, other: Path, tolerance: str) -> None:
 
 @main.command()
 @_RESULTS
+@click.option(
+    "--quick", is_flag=True, help="A few rows only: the automatic settings, a breach of each kind, a refusal."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder for stability.md and its map; default: with the rows."
+)
+def stability(results: Path, quick: bool, out: Path | None) -> None:
+    """Run the stability suite: is what granpipe says of extreme settings true?
+
+    Rows that are done are not repeated; about half an hour of one core for all of them.
+    """
+    from granpipe.cores import usable_cores
+    from granpipe.stability import run_suite, write_page
+    from granpipe.study.stability import rows, subset
+
+    folder = results / "stability"
+    with _Console() as console:
+        judged = run_suite(subset(rows()) if quick else rows(), folder, usable_cores(), console)
+    click.echo(f"table in {write_page(judged, folder, out or folder)}")
+    wrong = [one for one in judged if one.wrong]
+    for one in wrong:
+        click.echo(
+            f"{one.row.name}: {one.wrong}: granpipe {one.verdict}, {'; '.join(one.faults) or 'stable'}", err=True
+        )
+    if wrong:
+        sys.exit(QUALITY_FAILED)
+
+
+@main.command()
+@_RESULTS
 def clean(results: Path) -> None:
     """Delete the store of intermediate stages; results folders stay."""
     from granpipe.store import Store
