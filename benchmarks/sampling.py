@@ -1,6 +1,7 @@
-"""Flow sampled by the velocities in snapshots against flow sampled by displacement between them: same run, same files.
+"""Flow sampled by the velocities in snapshots against flow sampled by displacement between them: same run, same files;
+and the error that segments of different lengths tell.
 
-For a run that kept its snapshots (`granpipe run CASE --set dem.keep_snapshots=all`); prints a table.
+For a run that kept its snapshots (`granpipe run CASE --set dem.keep_snapshots=all`); prints two tables.
 """
 
 from __future__ import annotations
@@ -40,6 +41,27 @@ def main() -> None:
         columns.append(compare([part for part in parts if part.start >= options.start], outline, grid))
     for name in columns[0]:
         print(f"| {name} | " + " | ".join(f"{100 * column[name]:.1f} %" for column in columns) + " |")
+    print("\n| pairs in a segment | blocks | worth | standard error of the fitted field | as if independent |")
+    print("|---|---|---|---|---|")
+    single = segments(options.snapshots, options.time_step, grid, "displacement", 1)
+    single = [part for part in single if part.start >= options.start]
+    for length in (1, 2, 3, 5):
+        first = len(single) % length
+        print(error_row([merge(single[at : at + length]) for at in range(first, len(single), length)], outline, grid))
+
+
+def error_row(parts: list[Sums], outline: Outline, grid: Grid) -> str:
+    inside, diameter = outline.inside_fraction(grid), 4 * grid.cell
+    plug = measure_plug(merge(parts), inside, plug_range(outline, grid), diameter)
+    fitted = psi_field(parts, inside, plug, diameter)
+    error = error_share(fitted.field.flux_z_se, fitted.field.flux_z, fitted.field)
+    naive = error * np.sqrt((fitted.effective_blocks - 1) / (fitted.blocks - 1))
+    pairs = round(len(merge(parts).time) / len(parts))
+    return f"| {pairs} | {fitted.blocks} | {fitted.effective_blocks:.0f} | {100 * error:.1f} % | {100 * naive:.1f} % |"
+
+
+def plug_range(outline: Outline, grid: Grid) -> tuple[float, float]:
+    return outline.z_bottom, outline.z_bottom + max(0.5 * outline.outlet_radius, 2 * grid.cell)
 
 
 def segments(
@@ -57,9 +79,8 @@ def segments(
 def compare(parts: list[Sums], outline: Outline, grid: Grid) -> dict[str, float]:
     inside = outline.inside_fraction(grid)
     diameter = 4 * grid.cell
-    z_range = (outline.z_bottom, outline.z_bottom + max(0.5 * outline.outlet_radius, 2 * grid.cell))
     sums = merge(parts)
-    plug = measure_plug(sums, inside, z_range, diameter)
+    plug = measure_plug(sums, inside, plug_range(outline, grid), diameter)
     flow = level_flow(sums.mean_flux[1], grid) / plug.solids_flow
     gathered = np.concatenate([[0.0], np.cumsum(sums.storage.sum(axis=1))]) / plug.solids_flow
     field = psi_field(parts, inside, plug, diameter).field
