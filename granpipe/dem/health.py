@@ -192,7 +192,7 @@ class FlowHealth:
             )
 
 
-_CALMER = "make dem.time_step smaller (auto: 20 % of the Rayleigh time)"
+_CALMER = "make dem.time_step smaller, or leave it at auto"
 
 
 def _check_energy(status: Status, particle_mass: float, limit: float, source: str) -> float:

@@ -44,7 +44,7 @@ _SLOWER = 50  # times slower than expected, or than ever seen, is no longer runn
 
 _MEANINGS = {
     "not full": "the vessel did not become full; a smaller dem.reservoir_height or a larger vessel may help",
-    "not settled": "the bed did not come to rest; make dem.time_step smaller (auto: 20 % of the Rayleigh time)",
+    "not settled": "the bed did not come to rest; make dem.time_step smaller, or leave it at auto",
 }
 """What granpipe's own decks say before they give up."""
 

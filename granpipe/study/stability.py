@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from granpipe.field import Array
 
-REST_ENERGY = 1e-5
-"""Kinetic energy that nine tenths of the particles of a bed at rest stay below, in units of their m g d."""
+REST_ENERGY = 5e-5
+"""Kinetic energy that nine tenths of the particles at rest stay below, in units of m g d: 1 % of √(g d) as a speed."""
 
 SINKING = 0.02
 """Sinking of a bed at rest during the watch, in diameters, at most."""
