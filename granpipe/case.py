@@ -57,6 +57,7 @@ RollingModel = Literal["epsd2", "cdt", "none"]
 Outlet = Literal["plate", "open"]
 Snapshots = Literal["none", "thinned", "all"]
 Method = Literal["psi", "paper"]
+MoreFields = Literal["particle_velocity", "size_classes", "wall_slip", "wall_pressure", "residence_time"]
 Walls = Literal["moving", "slip"]
 Solids = Literal["rest", "slip"]
 Profile = Literal["open", "plate", "annular"]
@@ -507,6 +508,17 @@ class Homogenize(Group):
     smoothing_passes: Annotated[int, Whole(0, 100)] = Field(
         default=2, description="Passes of the 5×5 Gaussian of `method: paper`."
     )
+    fields: Annotated[tuple[MoreFields, ...], Choices(MoreFields)] = Field(
+        default=(),
+        description="What else to give: velocity of the particles in every cell, packing of each size class and Sauter "
+        "diameter, slip and contact along the walls, pressure on them, how long the solids stay.",
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Homogenize:
+        if self.method == "paper" and "residence_time" in self.fields:
+            refuse("residence_time follows the stream function, which method: paper has not", ("fields",))
+        return self
 
 
 _SIZE_FROM_ZERO = Quantity(LENGTH, at_least=0, at_most=1e4)

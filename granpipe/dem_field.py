@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from granpipe.case import Case
 from granpipe.chain import Standing
 from granpipe.errors import DataError
+from granpipe.extra_fields import Summed
 from granpipe.field import Field, Grid, cell_squares, level_flow, section_rows
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import paper_field
@@ -53,11 +54,12 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> Made:
     parts = [sums for production in productions for sums in production.sums()]
     steady = after_transient(parts, plan.case)
     conserved = conserved_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
+    field = replace(conserved.field, extra=Summed(plan).arrays(steady, conserved.field.inside_fraction))
     settled = [read_json(production.settled / "settle.json") for production in productions]
     reports = [production.reports() for production in productions]
     figures = conserved.figures | run_statistics(steady, plan.case.outline.levels)
     return Made(
-        field=conserved.field,
+        field=field,
         gates=(
             *_average_gates(plan, conserved, merge(steady).duration),
             *(size_gate(bed["mass_share"], bed["wanted_mass_share"]) for bed in settled),

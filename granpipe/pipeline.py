@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from granpipe.case import CaseFile
@@ -57,9 +57,19 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
         made = _ROUTES[plan.model](plan, store, tools, progress)
     except CaseError as error:
         raise file.places.explain(error) from None
+    if file.case.homogenize.fields:
+        made = _with_derived(made, file.case.homogenize.fields)
     progress.stage("results")
     failed = write_results(folder, plan, made, key, tools, begun)
     return Outcome(folder, failed)
+
+
+def _with_derived(made: Made, wanted: Sequence[str]) -> Made:
+    """The field with what else the case asks for and the field alone can tell."""
+    from granpipe.extra_fields import with_derived
+
+    field, figures = with_derived(made.field, wanted)
+    return replace(made, field=field, figures=made.figures | figures)
 
 
 def _digest(file: CaseFile, known: str) -> str:

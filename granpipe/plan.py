@@ -194,6 +194,7 @@ class _Scene:
         if "vessel" in self.case.figures:
             left.append(Stage("3-D picture", "there are no particles to show"))
         stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid"), self._results("fluid")]
+        left += self._left_out_fields("there are no particles")
         notes = [*unfit, *([] if self.case.fluid.outlet == "open" else [OUTLET_NOTE])]
         return self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
 
@@ -262,6 +263,7 @@ class _Scene:
         plan = self._made("hybrid", grid, stages, left)
         return replace(
             plan,
+        left += self._left_out_fields("the field is that of the fluid")
             parts=parts,
             followed=cut if earlier else (),
             choices=tuple(dict.fromkeys(choice for _, part in parts for choice in part.choices)),
@@ -273,6 +275,10 @@ class _Scene:
     def _part(self, span: Span, grid: Grid) -> tuple[Span, Plan]:
         """The plan of a sub-model, on the rows of the whole vessel's grid that it covers."""
         plan = make_plan(sub_case(self.case, span))
+    def _left_out_fields(self, why: str) -> list[Stage]:
+        """What the case asks for under homogenize.fields that only particles can tell."""
+        return [Stage(name, why) for name in self.case.homogenize.fields if name != "residence_time"]
+
         rows = (grid.z_edges > span.cut_bottom - 0.5 * grid.cell) & (grid.z_edges < span.cut_top + 0.5 * grid.cell)
         columns = math.ceil(plan.outline.r_max / grid.cell - 1e-9)
         return span, replace(plan, grid=Grid(grid.r_edges[: columns + 1], grid.z_edges[rows]))

@@ -131,13 +131,16 @@ def write_comsol_folder(field: Field, case: Case, folder: Path) -> None:
 
 
 def write_exports(field: Field, case: Case, folder: Path) -> None:
-    """Write the files of every format that the case asks for."""
+    """Write the files of every format that the case asks for, and the tables of what it asks for beside the field."""
+    from granpipe.export.tables import write_tables
+
     if "comsol" in case.export:
         write_comsol_folder(field, case, folder)
     if "vtk" in case.export:
         from granpipe.export.vtk import write_vtu
 
         write_vtu(field, folder / "field.vtu")
+    write_tables(field, folder)
 
 
 def _fluid_mesh(folder: Path, plan: Plan, made: Made) -> None:

@@ -20,6 +20,7 @@ from granpipe.dem.dump import Snapshot, read_snapshot
 from granpipe.dem.health import FillingHealth
 from granpipe.dem.overlap import measure_overlap
 from granpipe.dem.run import Liggghts, Status
+from granpipe.extra_fields import Summed
 from granpipe.geometry.walls import build_walls
 from granpipe.homogenize.average import Sums
 from granpipe.jsonfile import read_json, write_json
@@ -137,6 +138,7 @@ class _Run:
         self.settle_key = key_of("settle", _VERSION, part)
         settled, grid = store.folder("settle", self.settle_key), plan.grid
         part = {"deck": produce, "settled": settled.name, "cell": grid.cell, "z": [grid.z_edges[0], grid.z_edges[-1]]}
+        part |= Summed(plan).key
         self.chain_key = key_of("produce", _VERSION, part)
         self.chain = Chain(store.folder("produce", self.chain_key), self.plan, settled, self.deck, number)
 

@@ -108,7 +108,10 @@ def sub_case(case: Case, span: Span) -> Case:
         if section.z_bottom < span.cut_top and section.z_top > span.cut_bottom
     }
     outline = Outline(unit="m", wall=wall, obstacles=obstacles, sections=sections)
-    return case.model_copy(update={"name": f"{case.name}-{span.name}", "outline": outline, "model": "dem"})
+    homogenize = case.homogenize.model_copy(update={"fields": ()})  # the whole vessel's field has no use for them
+    return case.model_copy(
+        update={"name": f"{case.name}-{span.name}", "outline": outline, "homogenize": homogenize, "model": "dem"}
+    )
 
 
 def _cut(wall: Polygon, top: float, bottom: float) -> Polygon:

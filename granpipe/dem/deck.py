@@ -109,6 +109,7 @@ class Deck:
 
 def make_deck(
     case: Case, settings: Settings, frusta: Iterable[Frustum], obstacles: Iterable[str], wall_radius: float
+    wall_contacts: bool
 ) -> Deck:
     """Put a run together.
 
@@ -187,6 +188,7 @@ def make_deck(
 
 
 def render(deck: Deck, template: str) -> str:
+        wall_contacts="wall_pressure" in case.homogenize.fields,
     """Text of ``fill.in`` or ``produce.in``."""
     import jinja2
 

@@ -80,7 +80,7 @@ def _vectors(u: Array, w: Array) -> Array:
     return np.stack([u, np.zeros_like(u), w], axis=-1)
 
 
-def _cell_data(field: Field) -> dict[str, Array]:
+def _cell_data(field: Field) -> dict[str, Data]:
     flux_r, flux_z = field.flux_r * field.flow_scale, field.flux_z * field.flow_scale
     data: dict[str, Data] = {
         "inside_fraction": field.inside_fraction,
@@ -92,4 +92,18 @@ def _cell_data(field: Field) -> dict[str, Array]:
     }
     if field.packing_fraction is not None:
         data["packing_fraction"] = field.packing_fraction
+    return data | _extra_cell_data(field)
+
+
+def _extra_cell_data(field: Field) -> dict[str, Data]:
+    """What the case asks for beside, as far as it stands in the cells; a velocity at the flow rate of the case."""
+    data: dict[str, Data] = {}
+    for name, values in field.extra.items():
+        if values.shape == field.grid.shape:
+            data[name] = values
+        elif values.shape[1:] == field.grid.shape:
+            data |= {f"{name}_{number}": values for number, values in enumerate(values, start=1)}
+    if "particle_u" in data:
+        u, w = data.pop("particle_u"), data.pop("particle_w")
+        data["cell_particle_velocity"] = _vectors(u, w) * field.flow_scale
     return data

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from granpipe.field import Array
+from granpipe.field import Array, Mask
 from granpipe.homogenize.assemble import packing_fraction
 from granpipe.homogenize.average import Sample, Sums, merge
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
@@ -84,7 +84,7 @@ class WallSlip:
         x, y, z = sample.position.T
         r = np.hypot(x, y)
         piece, distance = self.surface.nearest(np.column_stack([r, z]))
-        touching = distance < sample.radius + self.reach
+        touching = (distance < sample.radius + self.reach) & _beside(self.surface, z)
         outward = (sample.velocity[:, 0] * x + sample.velocity[:, 1] * y) / np.maximum(r, 1e-30)
         along = (np.column_stack([outward, sample.velocity[:, 2]]) * self.surface.tangent[piece]).sum(axis=1)
         at, shadow = piece[touching], np.pi * sample.radius[touching] ** 2
@@ -105,11 +105,19 @@ def wall_forces(surface: Surface, point: Array, force: Array) -> dict[str, Array
     point : (n, 3) contact points [m]
     force : (n, 3) forces on the particles [N]
     """
+    beside = _beside(surface, point[:, 2])  # not above the inlet, nor on the plate below the outlet
+    point, force = point[beside], force[beside]
     r = np.hypot(point[:, 0], point[:, 1])
     piece, _ = surface.nearest(np.column_stack([r, point[:, 2]]))
     outward = (force[:, 0] * point[:, 0] + force[:, 1] * point[:, 1]) / np.maximum(r, 1e-30)
     pressing = -(np.column_stack([outward, force[:, 2]]) * surface.normal[piece]).sum(axis=1)
     return {"wall_force": _per_piece(piece, pressing, len(surface)), "wall_looks": np.ones(1)}
+
+
+def _beside(surface: Surface, z: Array) -> Mask:
+    """(n,) whether heights lie between the lower and upper end of all pieces."""
+    heights = surface.ends[:, :, 1]
+    return np.asarray((z >= heights.min()) & (z <= heights.max()))
 
 
 def _per_piece(piece: NDArray[np.int64], value: Array, count: int) -> Array:

@@ -1,0 +1,100 @@
+"""`homogenize.fields`: what a case asks for beside the field, from what production sums to arrays in the field."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granpipe.dem.wall_contacts import read_wall_contacts
+from granpipe.field import Array, Field
+from granpipe.geometry.revolve import CHORD_ERROR
+from granpipe.geometry.wall_pieces import WallPieces
+from granpipe.homogenize.average import Extra, Sums
+from granpipe.homogenize.extras import (
+    Arrays,
+    SizeClasses,
+    WallSlip,
+    size_class_arrays,
+    wall_forces,
+    wall_pressure_arrays,
+    wall_slip_arrays,
+)
+from granpipe.plan import Plan
+from granpipe.residence import residence_time
+
+PIECES_PER_DIAMETER = 1
+"""Pieces of walls per Sauter diameter: particles touch a wall about this far apart."""
+
+_SUMMED = ("size_classes", "wall_slip", "wall_pressure")
+
+
+class Summed:
+    """What production collects for a plan beside volume and flow."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.wanted = tuple(name for name in _SUMMED if name in plan.case.homogenize.fields)
+        self.radii = plan.dem.classes.radius
+        self.diameter = plan.dem.classes.sauter_diameter
+        self._pieces = WallPieces.of(plan.outline, self.diameter / PIECES_PER_DIAMETER)
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """What the stored sums depend on; empty where nothing is asked for."""
+        return {"extra": sorted(self.wanted), "edges": self._pieces.edges.tolist()} if self.wanted else {}
+
+    @property
+    def extras(self) -> list[Extra]:
+        """What is summed over particles."""
+        makers: dict[str, Callable[[], Extra]] = {
+            "size_classes": lambda: SizeClasses(self.radii),
+            "wall_slip": lambda: WallSlip(self._pieces, CHORD_ERROR * self.diameter),
+        }
+        return [make() for name, make in makers.items() if name in self.wanted]
+
+    def observed(self, work: Path, step: int) -> dict[str, Array]:
+        """What LIGGGHTS has written of this step beside the snapshot; the file is deleted."""
+        if "wall_pressure" not in self.wanted:
+            return {}
+        path = work / f"contacts.{step}.txt"
+        values = wall_forces(self._pieces, *read_wall_contacts(path))
+        path.unlink()
+        return values
+
+    def arrays(self, parts: Sequence[Sums], inside_fraction: Array) -> Arrays:
+        """The arrays that segments give."""
+        makers: dict[str, Callable[[], Arrays]] = {
+            "size_classes": lambda: size_class_arrays(parts, self.radii, inside_fraction),
+            "wall_slip": lambda: wall_slip_arrays(parts, self._pieces),
+            "wall_pressure": lambda: wall_pressure_arrays(parts, self._pieces),
+        }
+        return {name: array for wanted in self.wanted for name, array in makers[wanted]().items()}
+
+
+def with_derived(field: Field, wanted: Sequence[str]) -> tuple[Field, dict[str, Any]]:
+    """The field with what follows from it alone, and figures of that.
+
+    Times are those at DEM scale, as velocities are.
+    """
+    extra: Arrays = dict(field.extra)
+    figures: dict[str, Any] = {}
+    if "particle_velocity" in wanted and field.packing_fraction is not None:
+        extra["particle_u"], extra["particle_w"] = particle_velocity(field)
+    if "residence_time" in wanted:
+        found = residence_time(field)
+        extra |= {"residence_within": found.within, "residence_time": found.time * field.flow_scale}
+        figures["residence_time_s"] = {f"P{p}": found.quantile(p / 100) for p in (10, 50, 90)}
+        figures["residence_outside"] = found.outside
+    return replace(field, extra=extra), figures
+
+
+def particle_velocity(field: Field) -> tuple[Array, Array]:
+    """(nz, nr) radial and vertical velocity v = F/φ of the solids in each cell at DEM scale [m/s]; 0 in voids."""
+    assert field.packing_fraction is not None
+    solids = field.packing_fraction * field.inside_fraction  # per whole cell, as the flux is
+    moving = field.bulk & (solids > 0)
+    u, w = 0.5 * (field.flux_r[:, 1:] + field.flux_r[:, :-1]), 0.5 * (field.flux_z[1:] + field.flux_z[:-1])
+    return tuple(np.divide(flux, solids, out=np.zeros_like(flux), where=moving) for flux in (u, w))  # type: ignore[return-value]

@@ -1,0 +1,52 @@
+"""Contacts with walls: in the deck only where they are asked for, and read back whole or not at all."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granpipe.dem.wall_contacts import read_wall_contacts
+from granpipe.errors import DataError
+
+TEXT = """ITEM: TIMESTEP
+250
+ITEM: NUMBER OF ENTRIES
+2
+ITEM: BOX BOUNDS ff ff ff
+-0.1 0.1
+-0.1 0.1
+-0.2 0.7
+ITEM: ENTRIES c_contacts[1] c_contacts[2] c_contacts[3] c_contacts[10] c_contacts[11] c_contacts[12]
+0.079 0.0098 0.62 -0.169 -0.0373 0.0064
+0.078 0.0128 0.65 -1.28e-1 -0.0370 0.0092
+"""
+
+
+def test_points_and_forces_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "contacts.250.txt"
+    path.write_text(TEXT)
+    point, force = read_wall_contacts(path)
+    assert np.array_equal(point, [[0.079, 0.0098, 0.62], [0.078, 0.0128, 0.65]])
+    assert np.array_equal(force, [[-0.169, -0.0373, 0.0064], [-0.128, -0.037, 0.0092]])
+
+
+def test_a_snapshot_without_contacts_is_empty(tmp_path: Path) -> None:
+    path = tmp_path / "contacts.0.txt"
+    path.write_text("\n".join(TEXT.replace("\n2\n", "\n0\n").splitlines()[:9]) + "\n")
+    assert [values.shape for values in read_wall_contacts(path)] == [(0, 3), (0, 3)]
+
+
+@pytest.mark.parametrize("keep", [0, 30, 200, len(TEXT) - 8])
+def test_a_file_cut_short_is_refused(tmp_path: Path, keep: int) -> None:
+    path = tmp_path / "contacts.0.txt"
+    path.write_text(TEXT[:keep])
+    with pytest.raises(DataError, match=r"contacts\.0\.txt"):
+        read_wall_contacts(path)
+
+
+@pytest.mark.parametrize("damage", ["nan", "x", "1 2"])
+def test_damaged_numbers_are_refused(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "contacts.0.txt"
+    path.write_text(TEXT.replace("0.0098", damage))
+    with pytest.raises(DataError, match=r"contacts\.0\.txt"):
+        read_wall_contacts(path)
