@@ -1,17 +1,25 @@
 # Every target prepares what it needs: on a Debian machine `make run` or `make test` is the only thing to type.
-# PYTHON: the interpreter that .venv is made with. CASE: what `make run` runs.
+# PYTHON: the interpreter that .venv is made with. CASE: what `make run` runs. SWEEP, ON (local or slurm) and CLUSTER:
+# what `make sweep` runs, and where. GRANPIPE: a granpipe that is there already (from a module, or an environment on a
+# shared file system), to be used as it is: then nothing is set up.
 PYTHON ?= python3
 CASE ?= cases/reactor.yaml
+SWEEP ?= cases/sweeps/hopper.yaml
+ON ?= local
+CLUSTER ?= cluster.yaml
 
 VENV := .venv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test verify fuzz stability benchmarks docs lock clean
+.PHONY: help setup ready run sweep status cancel test test-cluster verify fuzz stability benchmarks docs lock clean
 
 help:
 	@echo 'make setup       Debian packages that are missing, and the virtual environment .venv'
 	@echo 'make run         setup, then granpipe run $$(CASE) [$(CASE)]'
+	@echo 'make sweep       setup, then granpipe sweep $$(SWEEP) --on $$(ON) [$(SWEEP), $(ON)]'
+	@echo 'make status      how the points of $$(SWEEP) stand; make cancel ends them'
 	@echo 'make test        setup, then ruff, mypy and every test that is not slow'
+	@echo 'make test-cluster  setup, a Slurm of two nodes on this machine (as root), and a sweep on it'
 	@echo 'make verify      setup, then the slow tests, and fuzz'
 	@echo 'make fuzz        setup, then 100 000 damaged inputs for each reader'
 	@echo 'make stability   setup, then the stability suite, half an hour; writes docs/stability.md'
@@ -23,14 +31,31 @@ help:
 setup:
 	@PYTHON='$(PYTHON)' .ci/setup
 
-run: setup
-	$(VENV)/bin/granpipe run $(CASE)
+ifdef GRANPIPE
+ready:
+else
+GRANPIPE := $(VENV)/bin/granpipe
+ready: setup
+endif
+
+run: ready
+	$(GRANPIPE) run $(CASE)
+
+sweep: ready
+	$(GRANPIPE) sweep $(SWEEP) --on $(ON) --cluster $(CLUSTER)
+
+status cancel: ready
+	$(GRANPIPE) $@ $(SWEEP)
 
 test: setup
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/mypy
-	$(VENV)/bin/python -m pytest -m 'not slow'
+	$(VENV)/bin/python -m pytest -m 'not slow and not cluster'
+
+test-cluster: setup
+	.ci/cluster
+	$(VENV)/bin/python -m pytest -m cluster -x
 
 verify: setup fuzz
 	$(VENV)/bin/python -m pytest -m slow

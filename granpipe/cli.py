@@ -7,7 +7,7 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import click
 
@@ -232,6 +232,16 @@ def clean(results: Path) -> None:
 @main.command()
 @click.argument("dumps", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--cell", required=True, help="Edge of a cell, such as 0.015 or 15mm.")
+@click.option(
+    "--plane",
+    type=click.Choice(["rz", "xz", "xyz"]),
+    default="rz",
+    show_default=True,
+    help="Rings about the z-axis, the plane x-z averaged over y, or space.",
+)
+@click.option("--x", nargs=2, help="Range of x, such as --x 0 50cm; by default that of the particles in the box.")
+@click.option("--y", nargs=2, help="Range of y; with --plane xz particles are cut at its ends.")
+@click.option("--z", nargs=2, help="Range of z.")
 @click.option("--time-step", required=True, help="Time step of the run [s], to turn steps into times.")
 @click.option("--columns", help="Column names of binary dumps, comma-separated; default: those of granpipe's decks.")
 @click.option("--start", help="Time at which averaging begins [s].")
@@ -241,6 +251,10 @@ def clean(results: Path) -> None:
 def homogenize(
     dumps: tuple[Path, ...],
     cell: str,
+    plane: Literal["rz", "xz", "xyz"],
+    x: tuple[str, str] | None,
+    y: tuple[str, str] | None,
+    z: tuple[str, str] | None,
     time_step: str,
     columns: str | None,
     start: str | None,
@@ -248,20 +262,28 @@ def homogenize(
     case: Path | None,
     out: Path,
 ) -> None:
-    """Average LIGGGHTS dumps (binary, text or .gz) into a field on r–z.
+    """Average LIGGGHTS dumps (binary, text or .gz) into a field.
 
-    Without a case the field is the raw average; with one it is made to conserve on the case's outline.
+    Without a case the field is the plain average on a grid round the particles, in the plane x-z made to conserve; with
+    one it is made to conserve on the case's outline.
     """
     from granpipe.raw import Request, homogenize_files, write_field
+    from granpipe.raw_grid import Frame
     from granpipe.units import LENGTH, TIME, in_si
 
     def seconds(text: str | None, default: float, option: str) -> float:
         return default if text is None else _quantity(in_si, text, TIME, option)
 
+    def ends(texts: tuple[str, str] | None, option: str) -> tuple[float, float] | None:
+        if texts is None:
+            return None
+        low, high = (_quantity(in_si, text, LENGTH, option) for text in texts)
+        return low, high
+
     outline_case = None if case is None else _read(case, ()).case
     request = Request(
         dumps=dumps,
-        cell=_quantity(in_si, cell, LENGTH, "--cell"),
+        frame=Frame(plane, _quantity(in_si, cell, LENGTH, "--cell"), ends(x, "--x"), ends(y, "--y"), ends(z, "--z")),
         time_step=seconds(time_step, 0.0, "--time-step"),
         start=seconds(start, float("-inf"), "--start"),
         stop=seconds(stop, float("inf"), "--stop"),
@@ -269,7 +291,7 @@ def homogenize(
     )
     made = homogenize_files(request, outline_case)
     write_field(made.field, outline_case, out)
-    click.echo(f"field in {out}; sampled by {made.sampling}")
+    click.echo(f"field in {out}; sampled by {made.sampling}; method: {made.method}")
 
 
 @main.command()
@@ -279,7 +301,10 @@ def homogenize(
 @click.option("--cores", type=click.IntRange(1), help="Cores to use here; all that this process may use by default.")
 @click.option("--cluster", type=click.Path(path_type=Path), default=Path("cluster.yaml"), show_default=True,
               help="What jobs ask the cluster for.")  # fmt: skip
-def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path) -> None:
+@click.option(
+    "--dry-run", is_flag=True, help="Check every point; print the folder and the points that are missing; run nothing."
+)
+def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path, dry_run: bool) -> None:
     """Run every point of SWEEP, a sweep.yaml: here, or as array jobs on a Slurm cluster.
 
     What is done is not repeated, and what is in the queue is not submitted again.
@@ -287,6 +312,10 @@ def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path)
     from granpipe.sweep import prepare
     from granpipe.sweepfile import read_profile, read_sweep
 
+    if dry_run:
+        folder, points = prepare(read_sweep(sweep), results)
+        click.echo("\n".join([str(folder.root), *(point.name for point in points)]))
+        return
     if on == "slurm":
         from granpipe.sweep_slurm import submit
 

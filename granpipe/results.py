@@ -59,7 +59,7 @@ def write_results(
     folder: Path, plan: Plan, made: Made, key: str, tools: dict[str, str], begun: float
 ) -> tuple[Gate, ...]:
     """Write everything; return the gates that failed."""
-    if folder.exists() and not (folder / "provenance.json").exists():
+    if folder.exists() and not (folder / "provenance.json").exists() and any(folder.iterdir()):
         raise RunError(f"{folder} exists and is not granpipe's; move it away or choose another --results")
     with publishing(folder) as aside:
         (aside / "case.yaml").write_text(plan.case.to_yaml())

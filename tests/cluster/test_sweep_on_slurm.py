@@ -1,0 +1,286 @@
+"""A sweep on a real Slurm of two nodes with the real LIGGGHTS: a job is killed, a node is lost, another is drained, a
+time limit is hit. The sweep ends complete, and nothing is run twice.
+
+`make test-cluster` installs what it needs. One story, told in order: each test goes on where the one before has ended.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cluster.two_nodes import TwoNodes, alive, missing, two_nodes, wait_for
+
+pytestmark = [pytest.mark.cluster, pytest.mark.liggghts]
+
+CASE = """\
+name: column
+outline:
+  unit: cm
+  wall: [[6, 10], [6, 0]]
+material:
+  density: 2000 kg/m^3
+  size: {diameter: 2 cm}
+contact: {friction: 0.5, rolling_friction: 0.1}
+flow_rate: 1 kg/s
+model: dem
+dem: {max_time: 10 s, plate_speed: 0.01 m/s, reservoir_height: 8 cm}
+homogenize: {start: 2 s, method: paper}
+figures: []
+export: [comsol]
+"""
+
+SWEEP = """\
+name: columns
+case: column.yaml
+axes:
+  - contact.friction: [0.2, 0.5, 0.8]
+  - homogenize.start: [2 s, 3 s]  # such two share all that LIGGGHTS does
+points:
+  long: {dem.seed: 2, dem.max_time: 120 s}
+  lost: {dem.seed: 3, dem.max_time: 30 s}
+  killed: {dem.seed: 4, dem.max_time: 30 s}
+  two-ranks: {dem.seed: 5, dem.ranks: 2}
+  two-more: {dem.seed: 6, dem.ranks: 2}
+  wrong: {model: hybrid, fluid.known_field: none.npz, "outline.sections": {a: {z: [10, 0], model: dem}}}
+chart: [solids_flow_m3_per_s]
+table: [csv, netcdf]
+"""
+POINTS = 12
+
+PROFILE = """\
+time: 2 min
+margin: 30 s
+memory: 500 MB
+partition: main
+setup: [export LC_ALL=C]
+"""
+
+COUNTING = """\
+#!/bin/sh
+# LIGGGHTS that notes each of its starts: the job, the folder and the arguments.
+case "$OMPI_COMM_WORLD_RANK" in ""|0) [ "$2" = /dev/null ] || echo "$GRANPIPE_JOB $PWD $*" >>{notes} ;; esac
+exec {real} "$@"
+"""
+
+
+@dataclass(frozen=True)
+class Start:
+    """One start of LIGGGHTS: for which job, in which folder of the store, from which segment (0: it fills)."""
+
+    job: str
+    stage: str
+    segment: int
+
+
+@dataclass
+class Story:
+    """The sweep, and what has become of it so far."""
+
+    cluster: TwoNodes
+    root: Path
+    interrupted: dict[str, int] = field(default_factory=dict)
+    """Point → segments that were there when it was interrupted."""
+
+    @property
+    def folder(self) -> Path:
+        return self.root / "results" / "columns"
+
+    @property
+    def store(self) -> Path:
+        return self.root / "results" / ".store"
+
+    def granpipe(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "granpipe", *arguments]
+        environment = self.cluster.environment | {"PATH": f"{self.root / 'bin'}:{os.environ['PATH']}"}
+        return subprocess.run(
+            command, cwd=self.root, env=environment, capture_output=True, text=True, check=False, timeout=60
+        )
+
+    def sweep(self) -> str:
+        done = self.granpipe("sweep", "columns.yaml", "--on", "slurm")
+        assert done.returncode == 0, done.stderr
+        return done.stderr
+
+    def status(self) -> dict[str, tuple[str, str]]:
+        """Point → how it stands, and the remark."""
+        lines = self.granpipe("status", "columns.yaml").stdout.splitlines()[:-1]
+        rows = (line.split(maxsplit=2) for line in lines)
+        return {row[0]: (row[1], row[2] if len(row) > 2 else "") for row in rows}
+
+    def state(self, point: str) -> dict[str, Any]:
+        file = self.folder / "state" / f"{point}.json"
+        return dict(json.loads(file.read_text())) if file.exists() else {}
+
+    def starts(self) -> list[Start]:
+        found = []
+        for line in (self.root / "starts").read_text().splitlines() if (self.root / "starts").exists() else []:
+            job, folder, arguments = line.split(maxsplit=2)
+            first = re.search(r"-var first (\d+)", arguments)
+            stage = Path(folder).parent.name if first else re.sub(r"^\.|\.\d+\.part$", "", Path(folder).name)
+            found.append(Start(job, stage, int(first[1]) if first else 0))
+        return found
+
+    def segments(self, point: str) -> int:
+        """How many segments the point's production has published; 0 before it began."""
+        chains = [one.stage for one in self.starts() if one.job == self.state(point).get("job") and one.segment]
+        return len(list((self.store / chains[-1]).glob("segment-*"))) if chains else 0
+
+    def log(self, point: str) -> str:
+        """What the point's job has said."""
+        job = self.state(point).get("job", "none")
+        return "".join(path.read_text() for path in self.folder.glob(f"slurm/*/{job}.txt"))
+
+    def wait_for_segments(self, point: str, number: int = 2) -> None:
+        """Wait until the point's production has published some segments."""
+        wait_for(lambda: self.segments(point) >= number, 240)
+
+    def start_requeued_jobs_now(self) -> None:
+        """Slurm lets a requeued job wait for two minutes; the test need not."""
+        for job, state, _ in self.cluster.queue():
+            if state == "PENDING":
+                with contextlib.suppress(AssertionError):
+                    self.cluster.run("scontrol", "update", f"JobId={job}", "StartTime=now")
+
+
+@pytest.fixture(scope="module")
+def story(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Story]:
+    assert not missing(), f"not installed: {missing()}; `make test-cluster` installs them"
+    assert os.geteuid() == 0, "the daemons of Slurm must be started by root"
+    root = tmp_path_factory.mktemp("sweep")
+    real = shutil.which("liggghts")
+    assert real, "LIGGGHTS is not installed"
+    (root / "bin").mkdir()
+    counting = root / "bin" / "liggghts"
+    counting.write_text(COUNTING.format(notes=root / "starts", real=real))
+    counting.chmod(0o755)
+    for name, text in (("column", CASE), ("columns", SWEEP), ("cluster", PROFILE)):
+        (root / f"{name}.yaml").write_text(text)
+    with two_nodes(root / "slurm") as cluster:
+        yield Story(cluster, root)
+
+
+def test_all_points_are_submitted_and_only_once(story: Story) -> None:
+    first = story.sweep()
+    assert sum(map(int, re.findall(r"(\d+) points in", first))) == POINTS
+    assert "nothing to submit" in story.sweep()
+    assert {word for word, _ in story.status().values()} <= {"waiting", "running"}
+
+
+def test_what_runs_on_a_lost_node_goes_back_into_the_queue(story: Story) -> None:
+    story.wait_for_segments("lost")
+    job = story.state("lost")["job"]
+    node = next(node for one, _, node in story.cluster.queue() if one == job)
+    story.cluster.run("scontrol", "update", f"NodeName={node}", "State=DOWN", "Reason=lost")
+    wait_for(lambda: (job, "PENDING", "") in story.cluster.queue(), 60)
+    wait_for(lambda: not alive(story.state("lost")["pid"]), 30)
+    story.interrupted["lost"] = story.segments("lost")
+    assert story.status()["lost"][0] == "waiting"
+    story.cluster.run("scontrol", "update", f"NodeName={node}", "State=RESUME")
+
+
+def test_a_job_that_is_killed_is_shown_as_failed(story: Story) -> None:
+    story.wait_for_segments("killed")
+    os.kill(story.state("killed")["pid"], signal.SIGKILL)
+    wait_for(lambda: story.state("killed")["job"] not in [job for job, _, _ in story.cluster.queue()], 60)
+    story.interrupted["killed"] = story.segments("killed")
+    word, remark = story.status()["killed"]
+    assert word == "failed"
+    assert "ended without a word" in remark
+
+
+def test_a_job_at_its_time_limit_goes_on_in_the_queue(story: Story) -> None:
+    wait_for(lambda: "near its time limit, goes on in the queue" in story.log("long"), 240)
+    story.interrupted["long"] = story.segments("long")
+    assert story.interrupted["long"] > 0
+    wait_for(lambda: story.status()["long"][0] == "waiting", 30)
+
+
+def test_a_drained_node_takes_no_jobs_and_the_sweep_goes_on(story: Story) -> None:
+    story.cluster.run("scontrol", "update", "NodeName=n2", "State=DRAIN", "Reason=upkeep")
+    story.start_requeued_jobs_now()
+    done = Counter(word for word, _ in story.status().values())["done"]
+    wait_for(lambda: Counter(word for word, _ in story.status().values())["done"] > done, 240)
+    assert {node for _, state, node in story.cluster.queue() if state == "RUNNING"} <= {"n1"}
+    story.cluster.run("scontrol", "update", "NodeName=n2", "State=RESUME")
+
+
+def test_a_second_call_submits_what_has_failed_and_nothing_else(story: Story) -> None:
+    wait_for(lambda: story.status()["wrong"][0] == "failed", 120)
+    submitted = story.sweep()
+    assert sum(map(int, re.findall(r"(\d+) points in", submitted))) == 2
+    jobs = json.loads((story.folder / "slurm" / "jobs.json").read_text())["jobs"]
+    assert {point for job in jobs[-2:] for line in job["points"] for point in line} == {"killed", "wrong"}
+
+
+def test_the_sweep_ends_complete(story: Story) -> None:
+    def ended() -> bool:
+        story.start_requeued_jobs_now()
+        return not story.cluster.queue()
+
+    wait_for(ended, 420, every=3)
+    standing = story.status()
+    assert Counter(word for word, _ in standing.values()) == {"done": POINTS - 1, "failed": 1}
+    assert "none.npz cannot be read" in standing["wrong"][1]
+
+
+def test_nothing_was_run_twice(story: Story) -> None:
+    """Each bed was filled once; each production began once, and went on once for each time that it was interrupted."""
+    starts = Counter(start.stage for start in story.starts())
+    again = sum(starts.values()) - len(starts)
+    requeues = story.log("long").count("goes on in the queue")
+    assert again == requeues + 2  # the lost and the killed
+    assert len([stage for stage in starts if stage.startswith("settle-")]) == 8  # 3 frictions, 5 more seeds
+    assert len([stage for stage in starts if stage.startswith("produce-")]) == 8
+    assert len(list(story.store.glob("walls-*"))) <= 3  # one for each travel of the plate
+
+
+@pytest.mark.parametrize("point", ["lost", "killed", "long"])
+def test_an_interruption_costs_no_more_than_the_running_segment(story: Story, point: str) -> None:
+    chain = {one.stage for one in story.starts() if one.segment and one.job == story.state(point)["job"]}
+    first = [one.segment for one in story.starts() if one.stage in chain]
+    assert story.interrupted[point] + 1 in first
+
+
+def test_the_table_holds_every_point(story: Story) -> None:
+    reduced = sorted(story.folder.glob("slurm/*/reduce-*.txt"))
+    assert f"{POINTS} points: {POINTS - 1} done, 1 failed" in reduced[-1].read_text()
+    with (story.folder / "table.csv").open(newline="") as file:
+        rows = {row["point"]: row for row in csv.DictReader(file)}
+    assert len(rows) == POINTS
+    flows = [float(row["solids_flow_m3_per_s"]) for row in rows.values() if row["status"] == "done"]
+    plate = 3.1416 * 0.06**2 * 0.01  # m³/s; of it the bed's packing is solid
+    assert all(0.5 * plate < flow < 0.7 * plate for flow in flows)
+    assert (story.folder / "chart.png").stat().st_size > 1000
+    assert (story.folder / "table.nc").stat().st_size > 1000
+
+
+def test_granpipe_itself_takes_less_than_two_seconds_for_a_point(story: Story) -> None:
+    """Processor time of a point whose DEM is there already, start of Python included."""
+    shutil.rmtree(story.folder / "points" / "two-more")
+    begun = os.times()
+    done = story.granpipe("points", str(story.folder), "two-more")
+    ended = os.times()
+    assert done.returncode == 0, done.stderr
+    assert (story.folder / "points" / "two-more" / "provenance.json").exists()
+    assert ended.children_user + ended.children_system - begun.children_user - begun.children_system < 2.0
+
+
+def test_a_sweep_is_cancelled(story: Story) -> None:
+    story.sweep()
+    assert "cancelled jobs" in story.granpipe("cancel", "columns.yaml").stdout
+    wait_for(lambda: not story.cluster.queue(), 60)
+    assert story.status()["wrong"][0] == "failed"

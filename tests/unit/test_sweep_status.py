@@ -1,0 +1,145 @@
+"""How a sweep stands, told from files and the queue alone."""
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import pytest
+
+from granpipe import sweep_status
+from granpipe.study.slurm import Element
+from granpipe.study.state import Recorder, State
+from granpipe.study.variants import crossed
+from granpipe.sweep import Folder
+from granpipe.sweep_status import standings, summary
+
+HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
+
+
+def make_folder(root, number):
+    (root / "state").mkdir(parents=True)
+    shutil.copyfile(HOPPER, root / "case.yaml")
+    points = [asdict(variant) for variant in crossed([{"dem.seed": [str(n) for n in range(number)]}])]
+    plan = {"axes": ["dem.seed"], "chart": [], "table": ["csv"], "points": points}
+    (root / "points.json").write_text(json.dumps(plan))
+    return Folder(root)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return make_folder(tmp_path / "sweep", 3)
+
+
+@pytest.fixture
+def queue(monkeypatch):
+    """Elements of Slurm's queue by point."""
+    elements = {}
+    monkeypatch.setattr(sweep_status, "queued", lambda folder: elements)
+    return elements
+
+
+def write(folder, name, **what):
+    state = replace(State(folder.key(name), job=""), **what)
+    state.save(folder.state_file(name))
+    if state.phase == "done":
+        (folder.points / name).mkdir(parents=True)
+        (folder.points / name / "provenance.json").write_text("{}")
+
+
+def words(folder):
+    return [one.word for one in standings(folder)]
+
+
+def test_without_a_trace_a_point_is_missing(folder, queue):
+    assert words(folder) == ["missing"] * 3
+    assert summary(standings(folder)) == "3 points: 3 missing"
+
+
+def test_every_standing_is_told_apart(folder, queue):
+    write(folder, "seed-0", phase="done", gates=("packing: 0.4, must be 0.5 to 0.68",))
+    write(folder, "seed-1", stage="produce", fraction=0.4, text="3 min 10 s left")
+    write(folder, "seed-2", phase="failed", error="LIGGGHTS ended with status 1")
+    done, running, failed = standings(folder)
+    assert (done.word, running.word, failed.word) == ("done", "running", "failed")
+    assert "packing: 0.4" in done.text
+    assert "produce 40% (3 min 10 s left)" in running.text
+    assert failed.text == "LIGGGHTS ended with status 1"
+
+
+def test_what_was_done_for_another_case_is_missing(folder, queue):
+    write(folder, "seed-0", phase="done")
+    assert words(folder)[0] == "done"
+    folder.case.write_text(folder.case.read_text().replace("1 m^3/h", "2 m^3/h"))
+    assert words(Folder(folder.root))[0] == "missing"
+
+
+def test_results_that_were_deleted_are_missing(folder, queue):
+    write(folder, "seed-0", phase="done")
+    shutil.rmtree(folder.points / "seed-0")
+    assert words(folder)[0] == "missing"
+
+
+def test_a_process_that_is_gone_has_failed(folder, queue):
+    with subprocess.Popen([sys.executable, "-c", ""]) as process:
+        process.wait()
+    write(folder, "seed-0", pid=process.pid)
+    write(folder, "seed-1", pid=os.getpid())
+    write(folder, "seed-2", pid=process.pid, host="another")
+    assert words(folder) == ["failed", "running", "running"]
+
+
+def test_the_queue_is_believed_for_jobs(folder, queue):
+    for name in ("seed-0", "seed-1", "seed-2"):
+        write(folder, name, job="7_1", host="node")
+    queue["seed-0"] = Element("7_1", "RUNNING", "None")
+    queue["seed-1"] = Element("7_2", "PENDING", "BeginTime")
+    waiting = standings(folder)[1]
+    assert words(folder) == ["running", "waiting", "failed"]
+    assert waiting.text == "job 7_2: BeginTime"
+
+
+def test_later_points_of_a_running_job_wait(folder, queue):
+    queue["seed-2"] = Element("7_1", "RUNNING", "None")
+    assert words(folder) == ["missing", "missing", "waiting"]
+
+
+def test_points_of_a_sweep_that_runs_here_wait(folder, queue):
+    with folder.running():
+        owner = json.loads((folder.root / "running.json").read_text())
+        assert words(folder) == ["waiting"] * 3
+    assert owner == {"host": socket.gethostname(), "pid": os.getpid()}
+
+
+def test_a_thousand_points_are_told_in_less_than_two_seconds(tmp_path, queue):
+    folder = make_folder(tmp_path / "sweep", 1000)
+    for name in folder.variants:
+        write(folder, name, phase="done")
+    begun = time.process_time()
+    assert summary(standings(Folder(folder.root))) == "1000 points: 1000 done"
+    assert time.process_time() - begun < 2
+
+
+def test_progress_is_kept_in_the_file(tmp_path):
+    path = tmp_path / "point.json"
+    recorder = Recorder(path, "key")
+    recorder.stage("settle", "filling")
+    assert (State.load(path).stage, State.load(path).text) == ("settle", "filling")
+    recorder.update(0.5, "half")
+    assert State.load(path).fraction == 0.0  # too soon to write again
+    recorder.failed("lost")
+    assert (State.load(path).phase, State.load(path).fraction, State.load(path).error) == ("failed", 0.5, "lost")
+    recorder.done(())
+    assert State.load(path).phase == "done"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["point.json"]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"key": 1, "nonsense": 2}', '{"key": "k"}'])
+def test_a_damaged_file_is_no_state(tmp_path, text):
+    (tmp_path / "point.json").write_text(text)
+    assert State.load(tmp_path / "point.json") is None
