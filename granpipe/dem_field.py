@@ -16,7 +16,7 @@ from granpipe.field import Field, Grid, cell_squares, level_flow, section_rows
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import paper_field
 from granpipe.homogenize.average import Sums, merge
-from granpipe.homogenize.conserve import Plug, measure_plug
+from granpipe.homogenize.conserve import Plug, gathered_flow, measure_plug
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import (
     LEAST_BLOCKS,
@@ -33,7 +33,7 @@ from granpipe.quality import (
     Gate,
     breach_gate,
     error_gates,
-    level_flow_gate,
+    level_flow_gates,
     missing_time,
     overlap_gates,
     packing_gate,
@@ -61,7 +61,7 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> Made:
     return Made(
         field=field,
         gates=(
-            *_average_gates(plan, conserved, merge(steady).duration),
+            *_average_gates(plan, conserved, merge(steady)),
             *(size_gate(bed["mass_share"], bed["wanted_mass_share"]) for bed in settled),
             *overlap_gates(settled[0]["overlap"]["mean"], settled[0]["overlap"]["p99"]),
             packing_gate(conserved.plug.packing),
@@ -87,14 +87,16 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> Made:
     )
 
 
-def _average_gates(plan: Plan, conserved: Conserved, duration: float) -> list[Gate]:
+def _average_gates(plan: Plan, conserved: Conserved, steady: Sums) -> list[Gate]:
     """The gates that a longer average can pass."""
-    field, target = conserved.field, plan.case.dem.statistical_error
+    field, plug, target = conserved.field, conserved.plug, plan.case.dem.statistical_error
     assert field.raw_flux_z is not None
-    gates = [level_flow_gate(level_flow(field.raw_flux_z, field.grid), conserved.plug.solids_flow)]
+    gates = level_flow_gates(
+        level_flow(field.raw_flux_z, field.grid), gathered_flow(steady, plug.z_range), plug.solids_flow
+    )
     if target is not None:
         errors, effective = conserved.figures.get("statistical_error", {}), conserved.figures["effective_blocks"]
-        gates += error_gates(errors, effective, target, duration)
+        gates += error_gates(errors, effective, target, steady.duration)
     return gates
 
 
@@ -117,9 +119,10 @@ class Judge:
         target, errors = plan.case.dem.statistical_error, conserved.figures.get("statistical_error", {})
         if target is None or not errors:
             return Standing(errors)
-        duration = merge(steady).duration
-        enough = all(gate.passed for gate in _average_gates(plan, conserved, duration))
-        return Standing(errors, enough, missing_time(errors, conserved.figures["effective_blocks"], target, duration))
+        whole = merge(steady)
+        enough = all(gate.passed for gate in _average_gates(plan, conserved, whole))
+        effective = conserved.figures["effective_blocks"]
+        return Standing(errors, enough, missing_time(errors, effective, target, whole.duration))
 
 
 def run_statistics(parts: Sequence[Sums], levels: Levels) -> dict[str, Any]:

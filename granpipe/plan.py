@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from granpipe.case import Case
+from granpipe.cores import usable_cores
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Choice, Settings, Vessel, choose
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError
@@ -193,8 +194,8 @@ class _Scene:
         left.append(Stage("averaging", "there are no particles"))
         if "vessel" in self.case.figures:
             left.append(Stage("3-D picture", "there are no particles to show"))
-        stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid"), self._results("fluid")]
         left += self._left_out_fields("there are no particles")
+        stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid"), self._results("fluid")]
         notes = [*unfit, *([] if self.case.fluid.outlet == "open" else [OUTLET_NOTE])]
         return self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
 
@@ -210,8 +211,10 @@ class _Scene:
             self._results("dem"),
         ]
         left = [Stage("fluid solve", "the DEM run covers the whole vessel"), *_left_out_of_decks(self.case)]
-        steps = settings.particles * (settings.steps + _fill_steps(settings))
-        rate = RATE * settings.ranks * (RANK_GAIN if settings.ranks > 1 else 1.0)
+        replicas = self.case.dem.replicas
+        steps = replicas * settings.particles * (settings.steps + _fill_steps(settings))
+        busy = settings.ranks * min(replicas, max(1, usable_cores() // settings.ranks))
+        rate = RATE * busy * (RANK_GAIN if settings.ranks > 1 else 1.0)
         plan = self._made("dem", self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER), stages, left)
         return replace(
             plan,
@@ -219,7 +222,7 @@ class _Scene:
             choices=(*settings.choices, self._facets(settings)),
             particle_steps=steps,
             seconds=steps / rate,
-            disk_bytes=_disk(self.case, settings),
+            disk_bytes=replicas * _disk(self.case, settings),
         )
 
     def _facets(self, settings: Settings) -> Choice:
@@ -260,10 +263,10 @@ class _Scene:
         )
         stages.append(self._results("hybrid"))
         left = [Stage(f"DEM of {n}", self.verdicts[n].reason) for n in rest]
+        left += self._left_out_fields("the field is that of the fluid")
         plan = self._made("hybrid", grid, stages, left)
         return replace(
             plan,
-        left += self._left_out_fields("the field is that of the fluid")
             parts=parts,
             followed=cut if earlier else (),
             choices=tuple(dict.fromkeys(choice for _, part in parts for choice in part.choices)),
@@ -272,13 +275,13 @@ class _Scene:
             disk_bytes=sum(part.disk_bytes for _, part in parts),
         )
 
-    def _part(self, span: Span, grid: Grid) -> tuple[Span, Plan]:
-        """The plan of a sub-model, on the rows of the whole vessel's grid that it covers."""
-        plan = make_plan(sub_case(self.case, span))
     def _left_out_fields(self, why: str) -> list[Stage]:
         """What the case asks for under homogenize.fields that only particles can tell."""
         return [Stage(name, why) for name in self.case.homogenize.fields if name != "residence_time"]
 
+    def _part(self, span: Span, grid: Grid) -> tuple[Span, Plan]:
+        """The plan of a sub-model, on the rows of the whole vessel's grid that it covers."""
+        plan = make_plan(sub_case(self.case, span))
         rows = (grid.z_edges > span.cut_bottom - 0.5 * grid.cell) & (grid.z_edges < span.cut_top + 0.5 * grid.cell)
         columns = math.ceil(plan.outline.r_max / grid.cell - 1e-9)
         return span, replace(plan, grid=Grid(grid.r_edges[: columns + 1], grid.z_edges[rows]))

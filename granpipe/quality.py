@@ -12,7 +12,10 @@ from granpipe.dem.contact import MEAN_OVERLAP, P99_OVERLAP
 from granpipe.field import Array
 
 LEVEL_FLOW_LIMIT = 0.05
-"""Raw flow through any level against the plug's: beyond it the average is too short or not steady."""
+"""Raw flow through any level less what the filling gained above the plug, against the plug's: a balance."""
+
+STORAGE_LIMIT = 0.1
+"""Part of the flow that may gather between the plug and any level: what is taken off for it is uncertain by a fifth."""
 
 LEAST_EFFECTIVE = 20
 """Independent blocks that an error bar needs before a run may end by it: one of 20 is itself uncertain by 16 %."""
@@ -41,15 +44,31 @@ class Gate:
         return f"{self.name}: {self.value:.3g}, must be {self.limit}"
 
 
-def level_flow_gate(raw_flow: Array, solids_flow: float) -> Gate:
-    """Flow through every level (n,) before any adjustment against the flow in the plug [m³/s]."""
-    worst = float(np.abs(raw_flow / solids_flow - 1).max())
-    return Gate(
-        "raw flow through the worst level, relative to the plug's",
-        worst,
-        f"at most {LEVEL_FLOW_LIMIT:.0%} (average longer: dem.max_time)",
-        worst <= LEVEL_FLOW_LIMIT,
-    )
+def level_flow_gates(raw_flow: Array, gathered: Array, solids_flow: float) -> list[Gate]:
+    """Balance of every level (n,) before any adjustment against the flow in the plug [m³/s].
+
+    Parameters
+    ----------
+    raw_flow : through every level
+    gathered : what of it the change of the filling between the plug and the level explains
+    solids_flow : in the plug
+    """
+    balance = float(np.abs((raw_flow - gathered) / solids_flow - 1).max())
+    storage = float(np.abs(gathered / solids_flow).max())
+    return [
+        Gate(
+            "raw flow through the worst level less what gathers below it, relative to the plug's",
+            balance,
+            f"at most {LEVEL_FLOW_LIMIT:.0%} (average longer: dem.max_time)",
+            balance <= LEVEL_FLOW_LIMIT,
+        ),
+        Gate(
+            "part of the flow that gathers between the plug and the worst level",
+            storage,
+            f"at most {STORAGE_LIMIT:.0%} (average later or longer: homogenize.start, dem.max_time)",
+            storage <= STORAGE_LIMIT,
+        ),
+    ]
 
 
 def error_gates(errors: dict[str, float], effective: float, target: float, duration: float) -> list[Gate]:

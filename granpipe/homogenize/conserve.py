@@ -81,6 +81,12 @@ def plug_levels(grid: Grid, z_range: tuple[float, float]) -> Mask:
     return np.append(rows, False) | np.insert(rows, 0, False)
 
 
+def gathered_flow(sums: Sums, z_range: tuple[float, float]) -> Array:
+    """(nz+1,) flow of each level beyond the plug's that the measured change of the filling explains [m³/s]."""
+    total = np.concatenate([[0.0], np.cumsum(sums.storage.sum(axis=1))])
+    return np.asarray(total - total[plug_levels(sums.grid, z_range)].mean())
+
+
 def _core_packing(sums: Sums, inside_fraction: Array, rows: Mask, diameter: float) -> float:
     """Solids fraction of the cells of some rows that are at least a diameter from every wall."""
     reach = int(np.ceil(diameter / sums.grid.cell))

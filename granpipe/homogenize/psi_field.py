@@ -13,7 +13,7 @@ from granpipe.errors import DataError
 from granpipe.field import Array, Field, Grid, Mask, flux_from_psi, level_flow
 from granpipe.homogenize.assemble import raw_field
 from granpipe.homogenize.average import Sums, merge
-from granpipe.homogenize.conserve import Plug, plug_levels
+from granpipe.homogenize.conserve import Plug, gathered_flow, plug_levels
 from granpipe.homogenize.psi_fit import PsiFit, Roles, Weights, node_roles
 from granpipe.homogenize.smooth import flowing_faces
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, effective_samples, standard_error
@@ -141,7 +141,8 @@ class _Steady:
         self._levels = plug_levels(sums.grid, plug.z_range)
         self._mean = sums.mean_flux
         self._flow = level_flow(self._mean[1], sums.grid)
-        excess = self._excess(sums)
+        self._range = plug.z_range
+        excess = gathered_flow(sums, self._range)
         worst = int(np.argmax(np.abs(excess)))
         self.storage = float(abs(excess[worst]) / plug.solids_flow)
         if self._flow.min() <= 0:
@@ -158,15 +159,10 @@ class _Steady:
         """What ψ is fitted to: the flux, and the solids flow in the plug [m³/s]."""
         return self.flux(sums), float(level_flow(sums.mean_flux[1], sums.grid)[self._levels].mean())
 
-    def _excess(self, sums: Sums) -> Array:
-        """(nz+1,) flow of each level beyond the plug's that the measured storage explains [m³/s]."""
-        gathered = np.concatenate([[0.0], np.cumsum(sums.storage.sum(axis=1))])
-        return np.asarray(gathered - gathered[self._levels].mean())
-
     def flux(self, sums: Sums) -> Flux:
         """Mean flux less the part that storage explains."""
         flux_r, flux_z = sums.mean_flux
-        part = self._excess(sums) / self._flow
+        part = gathered_flow(sums, self._range) / self._flow
         return (
             flux_r - self._mean[0] * (0.5 * (part[1:] + part[:-1]))[:, None],
             flux_z - self._mean[1] * part[:, None],
