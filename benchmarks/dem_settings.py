@@ -50,17 +50,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--results", type=Path, default=ROOT / "results" / "dem_settings")
     parser.add_argument("--stiffness-travel", type=float, default=0.15, help="averaged plate travel [m]")
-    parser.add_argument("--speed-travel", type=float, default=0.8, help="averaged plate travel [m]")
+    parser.add_argument("--stiffest-travel", type=float, default=0.08, help="the same, of the stiffest [m]")
+    parser.add_argument("--speed-travel", type=float, default=0.6, help="averaged plate travel [m]")
     options = parser.parse_args()
     base = read_case(SCENE, {"dem.ranks": "1", "figures": "[]", "export": "[]"})
     speed = make_plan(base.case).dem.plate_speed
-    soft = {
-        modulus: run(options.results, base, f"modulus-{modulus}", speed, options.stiffness_travel, modulus)
-        for modulus in MODULI
-    }
     fast = {
         factor: run(options.results, base, f"speed-{factor:g}", factor * speed, options.speed_travel, "auto")
         for factor in SPEEDS
+    }
+    travels = [options.stiffness_travel] * (len(MODULI) - 1) + [options.stiffest_travel]
+    soft = {
+        modulus: run(options.results, base, f"modulus-{modulus}", speed, travel, modulus)
+        for modulus, travel in zip(MODULI, travels, strict=True)
     }
     lines = [*head(options), *softening(base.case, soft), *plate_speed(base.case, speed, fast)]
     (ROOT / "docs" / "dem_settings.md").write_text("\n".join(lines) + "\n")
@@ -96,7 +98,7 @@ def softening(case: Case, runs: Mapping[str, Run]) -> Iterator[str]:
     names = ["whole", *case.outline.sections]
     yield "## Softening"
     yield ""
-    yield f"Fields at each Young's modulus against that at {MODULI[-1]} Pa, at the same plate speed and travel."
+    yield f"Fields at each Young's modulus against that at {MODULI[-1]} Pa, at the same plate speed."
     yield ""
     yield (
         "| E [Pa] | mean / p99 overlap | time step [s] | production [s] | statistical error | "

@@ -29,7 +29,7 @@ DENSEST = 0.68
 FOLLOWING = 0.2
 """Speed of the bed on the plate, relative to the plate's: deviation at most, over the little travel of a row."""
 
-LEAST_FOR_DRIFT = 30  # snapshots
+LEAST_FOR_DRIFT = 20  # snapshots
 DRIFT = 3.0
 """Median kinetic energy in the last third of a run over that in the first, at most."""
 
@@ -245,7 +245,8 @@ class Judged:
 
 
 _SMALL = {"outline.wall": "[[0.055, 0.04], [0.055, 0]]", "dem.reservoir_height": "0.04", "dem.max_time": "0.5"}
-"""Half the column, for rows of many steps."""
+_SMALLEST = _SMALL | {"outline.wall": "[[0.05, 0.02], [0.05, 0]]", "dem.reservoir_height": "0.03"}
+"""Less and less of the column, for rows of many steps."""
 
 
 def rows() -> list[Row]:
@@ -267,7 +268,7 @@ def _rows() -> Iterator[Row]:
         yield Row("dt/T_R, epsd2", share, "reactor", multiples={"dem.time_step": share})
     for ratio in (5, 20, 100, 500, 2000, 10_000):
         yield Row("E*/(ρgH)", ratio, multiples={"contact.youngs_modulus": ratio})
-    for ratio in (20, 100, 2000):
+    for ratio in (20, 100):
         yield Row("E*/(ρgH)", ratio, "reactor", multiples={"contact.youngs_modulus": ratio})
     for modulus in ("5e6", "5e7", "5e8", "4.7e9"):
         yield Row("E in Pa", float(modulus), changes=_SMALL | {"contact.youngs_modulus": modulus})
@@ -278,8 +279,8 @@ def _rows() -> Iterator[Row]:
     yield from _shapes()
     yield Row("ranks", 1, "reactor", {"dem.ranks": "1"})
     yield Row("ranks", 2, "reactor", {"dem.ranks": "2"})
-    yield Row("steps", 1e6, changes=_SMALL, multiples={"dem.plate_speed": 0.01, "dem.max_time": 2e5})
-    for scale in ((1.0, 1.0), (0.005, 1.0), (15.0, 1.0), (1.0, 0.01), (1.0, 20.0), (0.005, 20.0), (15.0, 0.01)):
+    yield Row("steps", 1e6, changes=_SMALLEST, multiples={"dem.plate_speed": 0.005, "dem.max_time": 1.7e5})
+    for scale in ((1.0, 1.0), (0.005, 1.0), (15.0, 1.0), (1.0, 0.01), (1.0, 20.0)):
         yield Row(f"similar, density ×{scale[1]:g}, length ×", scale[0], "reactor", scale=scale)
 
 

@@ -1,0 +1,35 @@
+"""The pilot on a real bed: a modulus that a wrong formula makes too soft is put right by what the bed shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from granpipe.case import load_case
+from granpipe.dem import contact
+from granpipe.pilot import overlap, piloted
+from granpipe.plan import make_plan
+from granpipe.progress import Silent
+from granpipe.simulate import settle
+from granpipe.store import Store
+from granpipe.tools import library_versions, program_versions
+
+pytestmark = pytest.mark.liggghts
+
+
+def test_a_bed_that_came_out_too_soft_is_settled_again_within_its_limits(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(contact, "_MEAN_FACTOR", 0.5)  # a third of what beds do
+    monkeypatch.setattr(contact, "_P99_FACTOR", 1.3)
+    store, tools = Store(tmp_path / "store"), library_versions() | program_versions(tmp_path / "programs.json")
+    plan = make_plan(load_case(tiny))
+    after = piloted(plan, store, tools, Silent())
+    before = overlap(settle(plan, store, tools, Silent()))
+    mean, p99 = overlap(settle(after, store, tools, Silent()))
+    assert before[0] > 1.5 * contact.MEAN_OVERLAP
+    assert 0.7 * contact.MEAN_OVERLAP < mean <= contact.MEAN_OVERLAP
+    assert p99 <= contact.P99_OVERLAP
+    expected = before[0] * (plan.dem.youngs_modulus / after.dem.youngs_modulus) ** (2 / 3)
+    assert mean == pytest.approx(expected, rel=0.2)  # Hertz
