@@ -21,7 +21,6 @@ from granpipe.dem.health import FlowHealth
 from granpipe.dem.run import Liggghts, Limits, Status
 from granpipe.dem.settings import RATE
 from granpipe.errors import DataError
-from granpipe.extra_fields import Summed
 from granpipe.homogenize.average import Collector, Sums
 from granpipe.jsonfile import read_json, write_json
 from granpipe.plan import Plan
@@ -29,6 +28,8 @@ from granpipe.progress import Progress
 from granpipe.store import check_space, digest, evidence_kept, publishing, sweep
 from granpipe.surroundings import surroundings
 
+_LASTING = ("sums.npz", "segment.json")
+_TO_RESUME = ("restart", "snapshot.bin")
 _KEPT_RESTARTS = 2
 _AT_ONCE = 8  # snapshots
 _KEPT_SNAPSHOTS = 2  # as evidence, should the run fail
@@ -119,7 +120,7 @@ class Chain:
         return found
 
     def _has_sums(self, segment: Path) -> bool:
-        if segment not in self._whole and is_whole(segment, "sums.npz"):
+        if segment not in self._whole and all(is_whole(segment, name) for name in _LASTING):
             self._whole.add(segment)
         return segment in self._whole
 
@@ -137,7 +138,7 @@ class Chain:
 
     def run(self, walls: Path, together: Together, stage: str, progress: Progress) -> Iterator[None]:
         """Run LIGGGHTS from the last good restart file to the last segment, or until the average is good enough."""
-        done, restart, present = self._resume_point()
+        done, restart, bed = self._resume_point()
         together.renew(self.number, self.sums())
         progress.stage(stage, f"continues after segment {done} of {self.settings.segments}" if done else "")
         work = self.folder / "work"
@@ -149,7 +150,7 @@ class Chain:
         (work / "produce.in").write_text(render(self.deck, "produce.in"))
         variables = {"first": done + 1, "last": self.settings.segments}
         limits = limits_of(self.deck, self.plan, self.settings.steps)
-        watch = _Watch(self, work, done, present, together, progress)
+        watch = _Watch(self, work, done, self._health(bed), together, progress)
         with (
             evidence_kept(work, self.folder / "evidence"),
             Liggghts("produce.in", work, self.settings.ranks, variables, limits) as process,
@@ -166,9 +167,9 @@ class Chain:
         (work / "output.txt").replace(logs / f"produce-from-segment-{done + 1}.txt")
         shutil.rmtree(work)
 
-    def _resume_point(self) -> tuple[int, Path, int]:
-        """Number of segments to build on, the restart file after them, its particles; what comes later is dropped."""
-        whole = [segment for segment in self.published() if is_whole(segment, "restart")]
+    def _resume_point(self) -> tuple[int, Path, Snapshot]:
+        """Number of segments to build on, restart file and particles after them; what comes later is dropped."""
+        whole = [segment for segment in self.published() if all(is_whole(segment, name) for name in _TO_RESUME)]
         done = int(whole[-1].name[-5:]) if whole else 0
         for segment in self.folder.glob("segment-*"):
             if int(segment.name[-5:]) > done:
@@ -176,11 +177,19 @@ class Chain:
                 self._whole.discard(segment)
         sweep(self.folder / "segment-*")
         if done:
-            return done, whole[-1] / "restart", int(read_json(whole[-1] / "segment.json")["particles"])
+            return done, whole[-1] / "restart", read_snapshot(whole[-1] / "snapshot.bin", DUMP_COLUMNS)
         for name in ("settled.restart", "settled.bin"):
             if not is_whole(self.settled, name):
                 raise DataError(f"{self.settled / name}: damaged; delete {self.settled} and run again")
-        return 0, self.settled / "settled.restart", int(read_json(self.settled / "settle.json")["particles"])
+        return 0, self.settled / "settled.restart", read_snapshot(self.settled / "settled.bin", DUMP_COLUMNS)
+
+    def _health(self, bed: Snapshot) -> FlowHealth:
+        """The health to be kept by a run that starts from this bed."""
+        settings = self.settings
+        vessel = surroundings(self.plan.outline, settings, self.deck.feed_speed)
+        catcher = settings.plate_z - self.deck.catcher_depth if settings.open_outlet else float("-inf")
+        fallen = int((bed.position[:, 2] < catcher).sum())
+        return FlowHealth(settings, self.plan.case, vessel, len(bed), fallen)
 
     def publish(self, number: int, sums: Sums, restart: Path, snapshot: Path, report: dict[str, Any]) -> None:
         """Let a segment appear, and take the restart file from all but the newest."""
@@ -189,10 +198,10 @@ class Chain:
             restart.replace(folder / "restart")
             shutil.copyfile(snapshot, folder / "snapshot.bin")
             write_json(folder / "segment.json", report)
-            write_hashes(folder, "sums.npz", "restart")
+            write_hashes(folder, *_LASTING, *_TO_RESUME)
         if number > _KEPT_RESTARTS:
             old = self._segment(number - _KEPT_RESTARTS)
-            for name in ("restart", "snapshot.bin"):
+            for name in _TO_RESUME:
                 (old / name).unlink(missing_ok=True)
 
 
@@ -200,14 +209,11 @@ class _Watch:
     """Follows a running production: checks its health, takes in snapshots, publishes segments."""
 
     def __init__(
-        self, chain: Chain, work: Path, done: int, present: int, together: Together, progress: Progress
+        self, chain: Chain, work: Path, done: int, health: FlowHealth, together: Together, progress: Progress
     ) -> None:
         self.chain, self.work, self.progress, self.together = chain, work, progress, together
-        self.settings = chain.settings
-        vessel = surroundings(chain.plan.outline, chain.settings, chain.deck.feed_speed)
-        self.health = FlowHealth(chain.settings, chain.plan.case, vessel, present)
-        self.summed = Summed(chain.plan)
-        self.collector = Collector(chain.plan.grid, "displacement", extras=self.summed.extras)
+        self.settings, self.health = chain.settings, health
+        self.collector = Collector(chain.plan.grid, "displacement")
         self.segment = done + 1
         self.next_step = done * self.settings.segment_steps
         self.start_step, self.started = self.next_step, time.monotonic()
@@ -262,7 +268,6 @@ class _Watch:
         snapshot = read_snapshot(path, DUMP_COLUMNS)
         self.collector.add(self.next_step * self.settings.time_step, snapshot)
         self.count = len(snapshot)
-        self.collector.observe(self.summed.observed(self.work, self.next_step))
         sums = self.collector.take() if ends else None
         averaged = time.process_time()
         self._check_health(snapshot, closely=ends)

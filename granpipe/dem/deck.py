@@ -11,14 +11,18 @@ import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import granpipe
 from granpipe.case import Case
 from granpipe.dem.contact import GRAVITY
 from granpipe.dem.settings import Settings, slab_height
 from granpipe.errors import CaseError
+
+if TYPE_CHECKING:
+    import jinja2
 
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
 
@@ -109,7 +113,6 @@ class Deck:
 
 def make_deck(
     case: Case, settings: Settings, frusta: Iterable[Frustum], obstacles: Iterable[str], wall_radius: float
-    wall_contacts: bool
 ) -> Deck:
     """Put a run together.
 
@@ -188,16 +191,21 @@ def make_deck(
 
 
 def render(deck: Deck, template: str) -> str:
-        wall_contacts="wall_pressure" in case.homogenize.fields,
     """Text of ``fill.in`` or ``produce.in``."""
+    text = _environment().get_template(f"{template}.j2").render(deck=deck, version=granpipe.__version__)
+    return re.sub(r"\n{3,}", "\n\n", text) + "\n"
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    """Kept, for compiling the templates takes longer than filling them in."""
     import jinja2
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("granpipe"), undefined=jinja2.StrictUndefined, autoescape=False, trim_blocks=False
     )
     environment.filters |= {"num": _number, "nums": lambda values: " ".join(map(_number, values))}
-    text = environment.get_template(f"{template}.j2").render(deck=deck, version=granpipe.__version__)
-    return re.sub(r"\n{3,}", "\n\n", text) + "\n"
+    return environment
 
 
 def _number(value: float) -> str:

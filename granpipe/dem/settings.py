@@ -37,6 +37,9 @@ another thing, and a tighter one must continue the same run."""
 RATE = 1.5e6
 """Particle-steps per second of one rank: two made 2.7e6 with hertz/epsd2 and 13 000 spheres on two idle cores."""
 
+MOST_PARTICLES = 1e8
+"""More than any cluster runs: a wrong unit is the likelier reason."""
+
 BYTES_PER_PARTICLE = 72  # nine doubles a row in a snapshot
 
 
@@ -158,6 +161,7 @@ class Settings:
 def choose(case: Case, vessel: Vessel) -> Settings:
     """Settle every number of the DEM run; CaseError where the case asks for the impossible."""
     classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
+    _check_number(classes, vessel)
     gap_choices = [_check_gap(opening, classes) for opening in vessel.openings]
     _check_rest(case)
     reservoir = _reservoir_height(case, vessel, classes)
@@ -207,6 +211,15 @@ def choose(case: Case, vessel: Vessel) -> Settings:
 def slab_height(classes: SizeClasses) -> float:
     """Greatest height [m] of one insertion slab: low enough to fill evenly, high enough to hold many particles."""
     return 12 * classes.largest
+
+
+def _check_number(classes: SizeClasses, vessel: Vessel) -> None:
+    if not vessel.volume < MOST_PARTICLES * classes.mean_volume:
+        raise CaseError(
+            f"the vessel of {vessel.volume:.3g} m³ would hold more than {MOST_PARTICLES:.0e} particles; use larger "
+            "ones, or set dem.coarse_grain_factor",
+            key=("material", "size"),
+        )
 
 
 def _check_gap(opening: Opening, classes: SizeClasses) -> Choice:

@@ -1,42 +1,20 @@
-"""The main job on the real LIGGGHTS, in small: results, balance, caching, interruption and resume."""
+"""The main job on the real LIGGGHTS, in small: results, balance, caching."""
 
 from __future__ import annotations
 
 import json
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from fakes.runs import run
 
-from granpipe.case import CaseFile, read_case
-from granpipe.dem.run import Liggghts, Limits
-from granpipe.errors import RunError
+from granpipe.case import read_case
 from granpipe.field import Field, level_flow
 from granpipe.homogenize.average import Sums, merge
-from granpipe.pipeline import Outcome, run_case
-from granpipe.progress import Silent
 
 pytestmark = pytest.mark.liggghts
-
-
-class Stages(Silent):
-    """Remembers which stages were worked and which were found done."""
-
-    def __init__(self) -> None:
-        self.seen: list[str] = []
-
-    def stage(self, name: str, detail: str = "") -> None:
-        self.seen.append(f"{name}: {detail}" if detail else name)
-
-
-def run(file: CaseFile, results: Path) -> tuple[Outcome, list[str]]:
-    stages = Stages()
-    return run_case(file, results, stages), stages.seen
 
 
 def provenance(folder: Path) -> dict[str, Any]:
@@ -107,109 +85,6 @@ def test_snapshots_are_gone_unless_they_are_asked_for(finished: tuple[Path, Path
     assert not list(chain.glob("**/snapshot.*.bin"))
     kept = [path.parent.name for path in sorted(chain.glob("segment-*/restart"))]
     assert kept == [path.name for path in sorted(chain.glob("segment-*"))][-2:]
-
-
-def start(case: Path, results: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "granpipe", "run", str(case), "--results", str(results)]
-    return subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, preexec_fn=_listen_to_interrupts
-    )
-
-
-def _listen_to_interrupts() -> None:
-    """A shell starts background jobs deaf to SIGINT, and the test run may be one."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def wait_for(pattern: str, folder: Path, timeout: float = 120) -> Path:
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
-        if found := sorted(folder.glob(pattern)):
-            return found[0]
-        time.sleep(0.02)
-    raise AssertionError(f"no {pattern} in {folder} within {timeout} s")
-
-
-def running_below(folder: Path) -> list[str]:
-    """Commands of processes that work below a folder."""
-    found = []
-    for link in Path("/proc").glob("[0-9]*/cwd"):
-        try:
-            if link.readlink().is_relative_to(folder):
-                found.append((link.parent / "cmdline").read_bytes().replace(b"\0", b" ").decode())
-        except OSError:
-            continue
-    return found
-
-
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_an_ended_run_leaves_no_process_and_continues_where_it_was(
-    tiny: Path, tmp_path: Path, by: signal.Signals
-) -> None:
-    results = tmp_path / "results"
-    process = start(tiny, results)
-    wait_for(".store/produce-*/segment-00001", results)
-    process.send_signal(by)
-    status = process.wait(20)
-    assert status == (-signal.SIGKILL if by is signal.SIGKILL else 130)
-    end = time.monotonic() + 10
-    while running_below(results) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert running_below(results) == []
-    assert not (results / "tiny").exists()
-    _, seen = run(read_case(tiny), results)
-    assert seen[1] == "settle: done before"
-    assert seen[2].startswith("produce: continues after segment")
-    assert (results / "tiny" / "field.npz").is_file()
-
-
-@pytest.mark.parametrize("damage", [b"", b"short", "flip"])
-def test_a_damaged_restart_file_is_refused_and_the_one_before_is_used(tiny: Path, tmp_path: Path, damage: Any) -> None:
-    results = tmp_path / "results"
-    process = start(tiny, results)
-    chain = wait_for(".store/produce-*/segment-00002", results).parent
-    process.kill()
-    process.wait(20)
-    newest = max(chain.glob("segment-*/restart"))
-    data = newest.read_bytes()
-    newest.write_bytes(damage if damage != "flip" else data[:5000] + bytes([data[5000] ^ 1]) + data[5001:])
-    _, seen = run(read_case(tiny), results)
-    assert seen[2].startswith(f"produce: continues after segment {int(newest.parent.name[-5:]) - 1} ")
-
-
-def test_two_runs_of_a_case_do_not_fight(tiny: Path, tmp_path: Path) -> None:
-    results = tmp_path / "results"
-    process = start(tiny, results)
-    try:
-        wait_for(".store/.settle-*.part", results)
-        with pytest.raises(RunError, match="another granpipe"):
-            run(read_case(tiny), results)
-    finally:
-        process.terminate()
-        process.wait(20)
-
-
-def test_liggghts_own_error_reaches_the_user(tmp_path: Path) -> None:
-    (tmp_path / "bad.in").write_text("units si\nno_such_command 1\n")
-    with Liggghts("bad.in", tmp_path, 1, {}) as process, pytest.raises(RunError, match="Unknown command"):
-        list(process.wait())
-
-
-def test_a_deck_that_ends_early_is_no_success(tmp_path: Path) -> None:
-    (tmp_path / "short.in").write_text("units si\n")
-    with Liggghts("short.in", tmp_path, 1, {}) as process, pytest.raises(RunError, match="end of its deck"):
-        list(process.wait())
-
-
-def test_output_without_end_is_cut_off(tmp_path: Path) -> None:
-    """The cap must leave room for the MPI library's own shared files of some megabytes."""
-    (tmp_path / "loop.in").write_text('label a\nprint "xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx"\njump SELF a\n')
-    with (
-        Liggghts("loop.in", tmp_path, 1, {}, Limits(file_bytes=64_000_000)) as process,
-        pytest.raises(RunError, match="outgrew its cap"),
-    ):
-        list(process.wait())
-    assert (tmp_path / "output.txt").stat().st_size <= 64_000_000
 
 
 def test_free_discharge_closes_its_balance_and_is_fed_as_fast_as_it_flows(tiny: Path, tmp_path: Path) -> None:

@@ -60,6 +60,17 @@ def test_a_single_lost_particle_is_seen_at_the_next_row(tiny: Path) -> None:
         FillingHealth(make_plan(load_case(tiny)).dem, load_case(tiny)).row(status(10, particles=4, inserted=5))
 
 
+def test_what_had_fallen_before_a_resume_may_go_unseen_and_no_more(tiny: Path) -> None:
+    case = load_case(tiny)
+    plan = make_plan(case)
+    watch = FlowHealth(plan.dem, case, surroundings(plan.outline, plan.dem, 0.1), present=100, fallen=2)
+    for left in (100, 99, 98):
+        watch.row(status(particles=left))
+    for left in (97, 101):
+        with pytest.raises(RunError, match="balance"):
+            watch.row(status(particles=left))
+
+
 @pytest.mark.parametrize("energy", [100.0, math.inf, math.nan])
 def test_energy_that_no_fall_can_give_is_a_blow_up(tiny: Path, energy: float) -> None:
     with pytest.raises(RunError, match=r"kinetic energy is .* unstable; make dem\.time_step smaller"):

@@ -1,0 +1,335 @@
+"""Faults of all kinds, on a stand-in for LIGGGHTS: each is named, and run again nothing is lost.
+
+The stand-in's particles follow from the step number alone, so the field of an interrupted run must be that of an
+unbroken one to rounding.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fakes.liggghts import install
+from fakes.runs import all_gone, chain, run, running_below, segments, start, wait_for
+
+from granpipe.case import read_case
+from granpipe.dem import run as run_module
+from granpipe.errors import GranpipeError
+from granpipe.field import Field
+
+
+@pytest.fixture(autouse=True)
+def stand_in(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = install(tmp_path_factory.mktemp("bin"))
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+
+
+@pytest.fixture(scope="module")
+def unbroken(tmp_path_factory: pytest.TempPathFactory, tiny_text: str) -> Path:
+    """Results of an undisturbed run."""
+    folder = tmp_path_factory.mktemp("unbroken")
+    path = os.environ["PATH"]
+    os.environ["PATH"] = f"{install(folder)}:{path}"
+    try:
+        (folder / "tiny.yaml").write_text(tiny_text)
+        run(read_case(folder / "tiny.yaml"), folder / "results")
+    finally:
+        os.environ["PATH"] = path
+    return folder / "results"
+
+
+@pytest.fixture
+def results(unbroken: Path, tmp_path: Path) -> Path:
+    """Results in which walls and bed are done, and nothing of production."""
+    shutil.copytree(unbroken / ".store", tmp_path / "results" / ".store")
+    shutil.rmtree(chain(tmp_path / "results"))
+    return tmp_path / "results"
+
+
+def assert_same_field(results: Path, unbroken: Path) -> None:
+    one, other = (Field.load(folder / "tiny" / "field.npz") for folder in (results, unbroken))
+    for name in ("flux_r", "flux_z", "packing_fraction"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9, atol=1e-15)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("sums.npz")}
+
+
+def fails(tiny: Path, results: Path) -> GranpipeError:
+    with pytest.raises(GranpipeError) as caught:
+        run(read_case(tiny), results)
+    return caught.value
+
+
+def produced(stages: list[str]) -> str:
+    """What was said of production."""
+    (line,) = [stage for stage in stages if stage.startswith("produce")]
+    return line
+
+
+FAULTS = {
+    "early": r"ended with status 0 .* did not reach the end of its deck",
+    "killed": r"was killed by signal 9",
+    "error": r"ERROR: Lost atoms",
+    "hang": r"no new step for \d+ s, \d+ s allowed: it hangs",
+    "endless": r"it printed \d+ MB: it repeats itself without end",
+    "truncated": r"snapshot\.\d+\.bin is incomplete though LIGGGHTS has reached step \d+",
+    "lost": r"particle balance does not close: (\d+) present before \+ 0 inserted − 0 discharged ≠ \d+ present",
+    "blow-up": r"kinetic energy is .* J/kg at the most: the contacts are unstable; make dem\.time_step smaller",
+    "nan": r"kinetic energy is nan",
+    "not a number": r"column 'x' is not finite",
+    "outside": r"1 particles are outside the walls",
+    "fast": r"a particle moves at 100 m/s",
+    "soft": r"overlap by .* give a larger contact\.youngs_modulus",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_named_within_seconds_keeps_its_evidence_and_costs_nothing(
+    tiny: Path, results: Path, unbroken: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    monkeypatch.setattr(run_module, "_LEAST_SILENCE", 1.0)
+    monkeypatch.setattr(run_module, "_SLOWER", 2)
+    monkeypatch.setenv("FAKE_LIGGGHTS", f"{fault}@4")
+    monkeypatch.setenv("FAKE_PAUSE", "0.1")
+    begun = time.monotonic()
+    error = fails(tiny, results)
+    assert time.monotonic() - begun < 30
+    assert error.exit_status == 3
+    assert re.search(FAULTS[fault], str(error)), str(error)
+    evidence = Path(str(error).rpartition("evidence: ")[2])
+    assert {"produce.in", "output.txt"} <= {path.name for path in evidence.iterdir()}
+    assert all_gone(results)
+    done = contents(chain(results))
+    monkeypatch.delenv("FAKE_LIGGGHTS")
+    _, stages = run(read_case(tiny), results)
+    assert produced(stages).startswith(f"produce: continues after segment {len(done)} of") or not done
+    assert contents(chain(results)).items() >= done.items()
+    assert_same_field(results, unbroken)
+    assert not evidence.exists()
+    assert len(segments(results)) == len(segments(unbroken))
+
+
+def test_a_bed_that_never_rests_is_refused_with_the_remedy_and_leaves_its_log(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for fault, words in {
+        "restless": r"did not come to rest; make dem\.time_step smaller",
+        "lost": "balance",
+        "blow-up": "unstable",
+    }.items():
+        monkeypatch.setenv("FAKE_LIGGGHTS", fault)
+        error = fails(tiny, tmp_path / "results")
+        assert re.search(words, str(error)), str(error)
+        assert (Path(str(error).rpartition("evidence: ")[2]) / "output.txt").stat().st_size > 100
+
+
+def test_memory_beyond_what_the_run_can_need_ends_it(
+    tiny: Path, results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_module, "_RANK_MEMORY", 200_000_000)
+    monkeypatch.setattr(run_module, "_MEMORY_EVERY", 0.0)
+    monkeypatch.setenv("FAKE_LIGGGHTS", "fat@1")
+    assert re.search(
+        r"takes \d+ MB of memory, 2\d\d MB are more than a run of this size needs", str(fails(tiny, results))
+    )
+    assert all_gone(results)
+
+
+# --- damaged checkpoints -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def cut(unbroken: Path, tmp_path_factory: pytest.TempPathFactory, tiny_text: str) -> Path:
+    """Results of a run that was ended in segment 10: the segments 8 and 9 have restart files."""
+    folder = tmp_path_factory.mktemp("cut")
+    (folder / "tiny.yaml").write_text(tiny_text)
+    shutil.copytree(unbroken / ".store", folder / "results" / ".store")
+    shutil.rmtree(chain(folder / "results"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", f"{install(folder)}:{os.environ['PATH']}")
+        patch.setenv("FAKE_LIGGGHTS", "killed@10")
+        patch.setenv("FAKE_PAUSE", "0.1")
+        fails(folder / "tiny.yaml", folder / "results")
+    assert len(segments(folder / "results")) == 9
+    return folder / "results"
+
+
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda _: b"",
+    "short": lambda data: data[:-100],
+    "flipped": lambda data: data[: len(data) // 2] + bytes([data[len(data) // 2] ^ 1]) + data[len(data) // 2 + 1 :],
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+@pytest.mark.parametrize("name", ["restart", "sums.npz", "hashes.json", "segment.json"])
+def test_of_a_damaged_checkpoint_the_one_before_is_used(
+    tiny: Path, cut: Path, unbroken: Path, tmp_path: Path, name: str, damage: str
+) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(cut, results)
+    path = chain(results) / "segment-00009" / name
+    path.write_bytes(DAMAGES[damage](path.read_bytes()))
+    _, stages = run(read_case(tiny), results)
+    assert produced(stages).startswith("produce: continues after segment 8 of")
+    assert_same_field(results, unbroken)
+
+
+def test_without_a_whole_restart_file_production_starts_anew(
+    tiny: Path, cut: Path, unbroken: Path, tmp_path: Path
+) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(cut, results)
+    for path in chain(results).glob("segment-*/restart"):
+        path.write_bytes(b"")
+    _, stages = run(read_case(tiny), results)
+    assert produced(stages) == "produce"
+    assert_same_field(results, unbroken)
+
+
+def test_a_damaged_bed_is_refused_before_liggghts_reads_it(tiny: Path, results: Path) -> None:
+    for path in (results / ".store").glob("settle-*/settled.restart"):
+        path.write_bytes(b"")
+    error = fails(tiny, results)
+    assert re.search(r"settled\.restart: damaged; delete .* and run again", str(error))
+
+
+# --- ended by force ------------------------------------------------------------------------------------------------
+
+
+def producing(results: Path) -> list[int]:
+    """The processes of LIGGGHTS that are at work on production."""
+    return [number for number, command in running_below(results).items() if "-in produce.in" in command]
+
+
+def ended_at_random(tiny: Path, results: Path, rng: random.Random, by: str) -> None:
+    """Start a run and end it at some moment after its first segment, or let it finish if it is faster."""
+    process = start(tiny, results, FAKE_PAUSE="0.05")
+    while not producing(results) and process.poll() is None:
+        time.sleep(0.02)
+    time.sleep(rng.uniform(0, 0.8))
+    if by == "liggghts":
+        for number in producing(results):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
+        expected = {0, 3, 4}
+    else:
+        process.send_signal(getattr(signal, by))
+        expected = {0, 4, -signal.SIGKILL if by == "SIGKILL" else 130}
+    _, said = process.communicate(timeout=30)
+    assert process.returncode in expected, said
+    assert "Traceback" not in said
+    assert all_gone(results)
+
+
+@pytest.mark.parametrize("by", ["SIGKILL", "SIGINT", "SIGTERM", "liggghts"])
+def test_ended_again_and_again_at_random_moments_a_run_ends_as_if_unbroken(
+    tiny: Path, results: Path, unbroken: Path, by: str
+) -> None:
+    rng = random.Random(by)
+    for _ in range(2):
+        done = contents(chain(results)) if list((results / ".store").glob("produce-*/")) else {}
+        ended_at_random(tiny, results, rng, by)
+        assert contents(chain(results)).items() >= done.items()
+    run(read_case(tiny), results)
+    assert_same_field(results, unbroken)
+    assert not list(chain(results).glob(".*"))
+    assert len(segments(results)) == len(segments(unbroken))
+
+
+def test_two_runs_of_a_case_do_not_fight(tiny: Path, results: Path, unbroken: Path) -> None:
+    first = start(tiny, results, FAKE_LIGGGHTS="hang@3")
+    wait_for(".store/produce-*/segment-00001", results)
+    assert re.search(r"another granpipe \(process \d+\)", str(fails(tiny, results)))
+    assert first.poll() is None
+    first.terminate()
+    _, said = first.communicate(timeout=60)
+    assert first.returncode == 130, said
+    run(read_case(tiny), results)
+    assert_same_field(results, unbroken)
+
+
+# --- disks ---------------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def mounted(folder: Path, options: str) -> Iterator[Path]:
+    """A small file system of its own; the test is skipped where this is not allowed."""
+    folder.mkdir()
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], capture_output=True, check=False)
+    if done.returncode:
+        pytest.skip(f"needs the right to mount: {done.stderr.decode().strip()}")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "-l", folder], check=True)
+
+
+def test_a_disk_that_fills_up_stops_the_run_and_with_room_it_goes_on(
+    tiny: Path, results: Path, unbroken: Path, tmp_path: Path
+) -> None:
+    with mounted(tmp_path / "disk", "size=300m") as disk:
+        shutil.copytree(results / ".store", disk / "results" / ".store")
+        process = start(tiny, disk / "results", FAKE_PAUSE="0.2")
+        wait_for("results/.store/produce-*/segment-00002", disk)
+        with contextlib.suppress(OSError):
+            (disk / "ballast").write_bytes(bytes(200_000_000))
+        _, said = process.communicate(timeout=60)
+        assert process.returncode == 3, said
+        assert re.search(r"MB free on this disk, \d+ MB needed; make room", said), said
+        assert "Traceback" not in said
+        (disk / "ballast").unlink()
+        done = contents(chain(disk / "results"))
+        assert done
+        _, stages = run(read_case(tiny), disk / "results")
+        assert produced(stages).startswith(f"produce: continues after segment {len(done)} of")
+        assert_same_field(disk / "results", unbroken)
+
+
+def test_a_disk_without_a_byte_left_is_one_message(
+    tiny: Path, results: Path, unbroken: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The reserve that is kept free is taken away here, so that writing itself fails."""
+    monkeypatch.setattr("granpipe.store.RESERVE", -(10**12))
+    with mounted(tmp_path / "disk", "size=100m") as disk:
+        shutil.copytree(results / ".store", disk / "results" / ".store")
+        used = shutil.disk_usage(disk).used
+        subprocess.run(["mount", "-o", f"remount,size={used + 300_000}", disk], check=True)
+        error = fails(tiny, disk / "results")
+        assert re.search("no space left|full disk|did not reach the end|without end", str(error)), str(error)
+        subprocess.run(["mount", "-o", "remount,size=100m", disk], check=True)
+        run(read_case(tiny), disk / "results")
+        assert_same_field(disk / "results", unbroken)
+
+
+def test_a_read_only_folder_is_one_message(tiny: Path, results: Path, tmp_path: Path) -> None:
+    with mounted(tmp_path / "disk", "size=10m") as disk:
+        shutil.copytree(results / ".store", disk / "results" / ".store")
+        subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
+        process = start(tiny, disk / "results")
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 3
+    assert re.search(r"disk/results/.*(not writable|[Rr]ead-only).*", said), said
+    assert "Traceback" not in said
+
+
+def test_a_file_in_the_way_is_one_message(tiny: Path, tmp_path: Path) -> None:
+    (tmp_path / "results").write_text("mine")
+    process = start(tiny, tmp_path / "results")
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 3
+    assert "Traceback" not in said
+    assert "results" in said.splitlines()[-1]
+    assert (tmp_path / "results").read_text() == "mine"
