@@ -89,7 +89,7 @@ def _work(row: Row, folder: Path, tools: dict[str, str], finished: Callable[[Row
     except CaseError:
         plan = None  # refused: there is nothing to leave alone
     if not (own / "rest.json").is_file():
-        yield from _rest(plan, own, tools)
+        yield from _rest(plan, own, tools, row.patience)
     if not (own / "verdict.json").is_file():
         yield from _verdict(row, changes, plan, own)
     finished(row)
@@ -188,7 +188,7 @@ def _told(status: int, text: str) -> tuple[Verdict, str]:
     raise RunError(f"granpipe ended with status {status}: {text.strip()[-300:]}")
 
 
-def _rest(plan: Plan | None, own: Path, tools: dict[str, str]) -> Work:
+def _rest(plan: Plan | None, own: Path, tools: dict[str, str], patience: float) -> Work:
     """Fill the vessel, leave the bed alone whatever becomes of it, and keep what is to be seen."""
     if plan is None:
         _write(own / "rest.json", asdict(Truth()))
@@ -200,7 +200,7 @@ def _rest(plan: Plan | None, own: Path, tools: dict[str, str]) -> Work:
     every = max(1, round(FALLS_WATCHED * fall / WATCHES))
     variables = {
         "fill": round(FALLS_TO_FILL * fall),
-        "relax": round(FALLS_TO_REST * fall),
+        "relax": round(patience * FALLS_TO_REST * fall),
         "watch": WATCHES * every,
         "every": every,
     }

@@ -110,6 +110,14 @@ def test_a_small_opening_beside_a_wide_one_slows_the_plate(tiny: Path) -> None:
     assert "gap between ring and the wall" in choice.criterion
 
 
+def test_the_plan_says_what_coarse_graining_leaves_alone(tiny: Path) -> None:
+    changes = {"material__size__diameter": "0.6 cm", "dem__coarse_grain_factor": "2"}
+    fine, coarse = plan_of(tiny, material__size__diameter="0.6 cm"), plan_of(tiny, **changes)
+    assert "coarse_grain_factor" in {choice.name for choice in coarse.choices}
+    assert coarse.dem.classes.largest == pytest.approx(2 * fine.dem.classes.largest)
+    assert coarse.case.contact == fine.case.contact
+
+
 def test_few_facets_are_marked_and_odd_numbers_refused(tiny: Path) -> None:
     assert plan_of(tiny, dem__facets="16").breaches == ()
     (breach,) = plan_of(tiny, dem__facets="8").breaches
