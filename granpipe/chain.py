@@ -21,6 +21,7 @@ from granpipe.dem.health import FlowHealth
 from granpipe.dem.run import Liggghts, Limits, Status
 from granpipe.dem.settings import RATE
 from granpipe.errors import DataError
+from granpipe.extra_fields import Summed
 from granpipe.homogenize.average import Collector, Sums
 from granpipe.jsonfile import read_json, write_json
 from granpipe.plan import Plan
@@ -213,7 +214,8 @@ class _Watch:
     ) -> None:
         self.chain, self.work, self.progress, self.together = chain, work, progress, together
         self.settings, self.health = chain.settings, health
-        self.collector = Collector(chain.plan.grid, "displacement")
+        self.summed = Summed(chain.plan)
+        self.collector = Collector(chain.plan.grid, "displacement", extras=self.summed.extras)
         self.segment = done + 1
         self.next_step = done * self.settings.segment_steps
         self.start_step, self.started = self.next_step, time.monotonic()
@@ -267,6 +269,7 @@ class _Watch:
         begun = time.process_time()
         snapshot = read_snapshot(path, DUMP_COLUMNS)
         self.collector.add(self.next_step * self.settings.time_step, snapshot)
+        self.collector.observe(self.summed.observed(self.work, self.next_step))
         self.count = len(snapshot)
         sums = self.collector.take() if ends else None
         averaged = time.process_time()

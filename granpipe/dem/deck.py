@@ -109,6 +109,7 @@ class Deck:
     catcher_depth: float
     dump_every: int
     segment_steps: int
+    wall_contacts: bool
 
 
 def make_deck(
@@ -187,6 +188,7 @@ def make_deck(
         catcher_depth=4 * classes.largest,
         dump_every=settings.dump_every,
         segment_steps=settings.segment_steps,
+        wall_contacts="wall_pressure" in case.homogenize.fields,
     )
 
 
