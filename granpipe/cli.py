@@ -499,10 +499,10 @@ def _dem_runs(plan: Plan) -> list[tuple[str, Plan]]:
 
 def _dem_lines(title: str, plan: Plan) -> list[str]:
     dem = plan.dem
-    width = max(len(choice.name) for choice in dem.choices)
+    width = max(len(choice.name) for choice in plan.choices)
     return [
         title,
-        *(f"  {choice.name:<{width}}  {choice.value:<12} {choice.criterion}" for choice in dem.choices),
+        *(f"  {choice.name:<{width}}  {choice.value:<12} {choice.criterion}" for choice in plan.choices),
         f"  {dem.particles} particles in {len(dem.classes.radius)} size classes; {dem.steps} steps of "
         f"{dem.time_step:.3g} s: {dem.duration:.4g} s in {dem.segments} segments; {dem.ranks} ranks",
         *_length_lines(plan.case),

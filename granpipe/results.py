@@ -98,7 +98,7 @@ def plan_summary(plan: Plan) -> dict[str, Any]:
     if plan.settings is not None:
         dem = plan.settings
         summary["dem"] = {
-            "choices": [{"name": c.name, "value": c.value, "criterion": c.criterion} for c in dem.choices],
+            "choices": [{"name": c.name, "value": c.value, "criterion": c.criterion} for c in plan.choices],
             "radii_m": dem.classes.radius.tolist(),
             "number_shares": dem.classes.number_share.tolist(),
             "time_step_s": dem.time_step,
