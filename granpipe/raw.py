@@ -1,9 +1,13 @@
-"""`granpipe homogenize`: dumps that a user already has, averaged into a field without a DEM run."""
+"""`granpipe homogenize`: dumps that a user already has, averaged into a field without a DEM run.
+
+On rings about an axis, in the plane x–z of a vessel that is alike all along y, or in space.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -12,23 +16,27 @@ from granpipe.case import Case
 from granpipe.dem.dump import Snapshot, read_dumps
 from granpipe.dem_field import conserved_field
 from granpipe.errors import DataError
-from granpipe.field import Field, Grid
+from granpipe.field import Box, Field, Grid, level_flow
 from granpipe.geometry.outline import Outline
-from granpipe.homogenize.assemble import raw_field, unguided_plug
+from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard_errors
 from granpipe.homogenize.average import Collector, Sums, merge
+from granpipe.homogenize.psi_field import psi_field
+from granpipe.homogenize.statistics import LEAST_BLOCKS
+from granpipe.raw_grid import Frame, grid_round
 from granpipe.store import publishing
 
 _SEGMENTS = 20
+_MOST_THROUGH_SIDES = 0.01  # of the flow
 _LONGEST_TRAVEL = 0.5  # Sauter diameters between snapshots, for nearly all particles: paths are taken as straight
 _NEARLY_ALL = 0.99
 
 
 @dataclass(frozen=True)
 class Request:
-    """What is to be averaged; times in s, the cell in m. `columns` name those of binary dumps not granpipe's own."""
+    """What is to be averaged; times in s. `columns` name those of binary dumps not granpipe's own."""
 
     dumps: tuple[Path, ...]
-    cell: float
+    frame: Frame
     time_step: float
     columns: tuple[str, ...] | None = None
     start: float = -np.inf
@@ -37,35 +45,66 @@ class Request:
 
 @dataclass(frozen=True)
 class Homogenized:
-    """A field, and in words how the flow was sampled and why."""
+    """A field, and in words how the flow was sampled and what was made of the average, with reasons."""
 
     field: Field
     sampling: str
+    method: str
 
 
 def homogenize_files(request: Request, case: Case | None) -> Homogenized:
-    """Average dumps: on the outline of a case and made to conserve, or plainly on a grid round the particles.
+    """Average dumps: on the outline of a case and made to conserve, or on a grid round the particles.
 
-    The flow is sampled by the displacement of every particle between snapshots wherever they allow it.
+    The flow is sampled by the displacement of every particle between snapshots wherever they allow it. Without a case
+    the field is the plain average, but for the plane x–z, where a stream function is fitted to a flow from above.
 
     Parameters
     ----------
-    case : tells outline, method and flow rate; without one the field is the raw average
+    case : tells outline, method and flow rate of a vessel of revolution
     """
     first = next(iter(read_dumps(request.dumps, request.columns)), None)
     if first is None or len(first) == 0:
         raise DataError(f"{request.dumps[0]}: no particles")
     diameter = _sauter_diameter(first)
-    outline = None if case is None else Outline.from_case(case)
-    if outline is None:
-        grid = _grid_round(first, request.cell)
-    else:
-        grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, request.cell)
+    if case is None:
+        grid = grid_round(first, request.frame, diameter, 2 * _most_segments(request))
+        parts, sampling = _sampled(request, grid, diameter)
+        field, method = _plain(parts, diameter)
+        return Homogenized(field, sampling, method)
+    if request.frame.plane != "rz":
+        raise DataError(f"a case describes a vessel of revolution: leave out --plane {request.frame.plane} or --case")
+    outline = Outline.from_case(case)
+    grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, request.frame.cell)
     parts, sampling = _sampled(request, grid, diameter)
-    if case is None or outline is None:
-        sums = merge(parts)
-        return Homogenized(raw_field(sums, np.ones(grid.shape), unguided_plug(sums), diameter), sampling)
-    return Homogenized(conserved_field(case, outline, parts, diameter).field, sampling)
+    return Homogenized(conserved_field(case, outline, parts, diameter).field, sampling, case.homogenize.method)
+
+
+def _plain(parts: list[Sums], diameter: float) -> tuple[Field, str]:
+    """The field without an outline, and what it is."""
+    sums = merge(parts)
+    plug, inside = unguided_plug(sums), np.ones(sums.grid.shape)
+    plain = with_standard_errors(raw_field(sums, inside, plug, diameter), parts)
+    if not (isinstance(sums.grid, Box) and sums.grid.flat):
+        return plain, "plain average"
+    try:
+        _check_closed(sums)
+        return psi_field(parts, inside, plug, diameter).field, "psi"
+    except DataError as error:
+        return plain, f"plain average: {error}"
+
+
+def _check_closed(sums: Sums) -> None:
+    """Refuse a stream function where solids pass through the left or right end."""
+    if not (level_flow(sums.mean_flux[1], sums.grid) > 0).all():
+        raise DataError("the flow is not downwards through every level")
+    sides = float(np.abs(sums.flow_r[:, [0, -1]]).sum() / np.abs(sums.flow_z).sum(axis=1).max())
+    if sides > _MOST_THROUGH_SIDES:
+        raise DataError(f"{sides:.1%} of the flow passes through the ends of the range of x")
+
+
+def _most_segments(request: Request) -> int:
+    """Half the number of segments that are held; each is a grid in space."""
+    return LEAST_BLOCKS if request.frame.plane == "xyz" else _SEGMENTS
 
 
 def _sampled(request: Request, grid: Grid, diameter: float) -> tuple[list[Sums], str]:
@@ -81,20 +120,22 @@ class _NoPathsError(Exception):
 
 
 def _segments(request: Request, collector: Collector, diameter: float) -> list[Sums]:
-    """The dumps between start and stop in at most 2 × `_SEGMENTS` segments of equal numbers of samples."""
+    """The dumps between start and stop in segments of equal numbers of samples, at most twice `_most_segments`."""
     parts, length, count = [], 1, 0
     by_path = collector.sampling == "displacement"
+    through_depth = isinstance(collector.grid, Box) and not collector.grid.cut  # then y does not matter
+    axes = [0, 2] if through_depth else [0, 1, 2]
     last: Snapshot | None = None
     for time, snapshot in _chosen(request):
         if by_path:
-            _check_paths(last, snapshot, diameter)
+            _check_paths(last, snapshot, diameter, axes)
         collector.add(time, snapshot)
         count += 1 if last is not None or not by_path else 0
         last = snapshot
         if count == length:
             parts.append(collector.take())
             count = 0
-        if len(parts) == 2 * _SEGMENTS:
+        if len(parts) == 2 * _most_segments(request):
             parts = [merge(pair) for pair in zip(parts[::2], parts[1::2], strict=True)]
             length *= 2
     if count:
@@ -120,7 +161,7 @@ def _chosen(request: Request) -> Iterator[tuple[float, Snapshot]]:
         )
 
 
-def _check_paths(old: Snapshot | None, new: Snapshot, diameter: float) -> None:
+def _check_paths(old: Snapshot | None, new: Snapshot, diameter: float, axes: list[int]) -> None:
     """Refuse pairs of snapshots between which the way of a particle is not known."""
     if "id" not in new.columns:
         raise _NoPathsError("the particles have no ids")
@@ -132,36 +173,53 @@ def _check_paths(old: Snapshot | None, new: Snapshot, diameter: float) -> None:
     _, at_old, at_new = np.intersect1d(old.id, number, return_indices=True)
     if not len(at_old):
         raise _NoPathsError(f"steps {old.step} and {new.step} have no particle in common")
-    path = np.abs(new.position[at_new] - old.position[at_old])
+    path = np.abs(new.position[at_new] - old.position[at_old])[:, axes]
     travel = float(np.quantile(np.linalg.norm(path, axis=1), _NEARLY_ALL))
     if travel > _LONGEST_TRAVEL * diameter:
         raise _NoPathsError(
             f"between steps {old.step} and {new.step} particles travel up to {travel / diameter:.2g} diameters "
             f"({_NEARLY_ALL:.0%} of them less); dump more often, {_LONGEST_TRAVEL:g} is the most"
         )
-    if (path > 0.5 * np.diff(new.box, axis=1).T).any():
+    if (path > 0.5 * np.diff(new.box[axes], axis=1).T).any():
         raise _NoPathsError(f"particles leave on one side of the box and come back on the other at step {new.step}")
 
 
 def write_field(field: Field, case: Case | None, folder: Path) -> None:
-    """Write ``field.npz`` and ``field.vtu`` into a new folder, and the COMSOL files where a case tells the density."""
-    from granpipe.export.vtk import write_vtu
-    from granpipe.results import write_comsol_folder
-
+    """Write ``field.npz``, a file for ParaView and, but for rings without a case, text files for COMSOL."""
     if folder.exists():
         raise DataError(f"{folder} exists already; give --out a new folder")
     with publishing(folder) as aside:
         field.save(aside / "field.npz")
-        write_vtu(field, aside / "field.vtu")
-        if case is not None:
-            write_comsol_folder(field, case, aside)
+        if len(field.grid.shape) == 3:
+            write_space(field, aside)
+        else:
+            write_plane(field, case, aside)
 
 
-def _grid_round(snapshot: Snapshot, cell: float) -> Grid:
-    position, radius = snapshot.position, snapshot.radius
-    reach = float((np.hypot(position[:, 0], position[:, 1]) + radius).max())
-    z = position[:, 2]
-    return Grid.covering(reach, float((z - radius).min()), float((z + radius).max()), cell)
+def write_plane(field: Field, case: Case | None, folder: Path) -> None:
+    """Write the files of a field on rings or in the plane x–z."""
+    from granpipe.export.comsol import write_interpolation
+    from granpipe.export.nodes import nodal_values
+    from granpipe.export.vtk import write_vtu
+    from granpipe.results import write_comsol_folder
+
+    write_vtu(field, folder / "field.vtu")
+    if case is not None:
+        write_comsol_folder(field, case, folder)
+    elif not field.grid.axial:
+        (folder / "comsol").mkdir()
+        write_interpolation(
+            nodal_values(field), folder / "comsol", name="homogenized", date=datetime.now().astimezone()
+        )
+
+
+def write_space(field: Field, folder: Path) -> None:
+    """Write the files of a field in space."""
+    from granpipe.export.space import write_text, write_vtr
+
+    write_vtr(field, folder / "field.vtr")
+    (folder / "comsol").mkdir()
+    write_text(field, folder / "comsol", name="homogenized", date=datetime.now().astimezone())
 
 
 def _sauter_diameter(snapshot: Snapshot) -> float:

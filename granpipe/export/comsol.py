@@ -47,61 +47,74 @@ def write_comsol(
     """
     nodes = nodal_values(field)
     balance = balance_of(field, nodes)
+    sections = write_interpolation(nodes, folder, name=name, date=date, at_time=at_time)
+    write_lines(folder / "flow_levels.txt", _levels(balance))
+    write_lines(folder / "import_comsol.java", [_java(field, sections, name, solids_density)])
+    return balance
+
+
+def write_interpolation(
+    nodes: Nodes, folder: Path, *, name: str, date: datetime, at_time: bool = False
+) -> list[Column]:
+    """Write the interpolation files alone; return the columns that are interpolated linearly."""
     columns = columns_of(nodes)
-    _write(folder / "flow_spreadsheet.txt", _spreadsheet(nodes, columns, name, date, " @ t=0" if at_time else ""))
+    write_lines(folder / "flow_spreadsheet.txt", _spreadsheet(nodes, columns, name, date, " @ t=0" if at_time else ""))
     for column in columns:
         if column.grid_file:
-            _write(folder / column.grid_file, _grid(nodes.r, nodes.z, column.values))
+            write_lines(folder / column.grid_file, _grid(nodes.r, nodes.z, column.values))
     if nodes.psi is not None:
-        _write(folder / "psi_grid.txt", _grid(nodes.r**2, nodes.z, nodes.psi))
+        write_lines(folder / "psi_grid.txt", _grid(nodes.r**2 if nodes.axial else nodes.r, nodes.z, nodes.psi))
     sections = [column for column in columns if column.name != "psi"]
-    _write(folder / "flow_sectionwise.txt", _sectionwise(nodes, sections))
-    _write(folder / "flow_levels.txt", _levels(balance))
-    _write(folder / "import_comsol.java", [_java(field, sections, name, solids_density)])
-    return balance
+    write_lines(folder / "flow_sectionwise.txt", _sectionwise(nodes, sections))
+    return sections
 
 
 def columns_of(nodes: Nodes) -> list[Column]:
     """What the spreadsheet holds beside r and z."""
     solids = nodes.solids.astype(float)
+    across = "Radial" if nodes.axial else "Horizontal"
     columns = [
-        Column("u_bulk", "m/s", "Radial bulk velocity", nodes.bulk_u, "u_grid.txt"),
+        Column("u_bulk", "m/s", f"{across} bulk velocity", nodes.bulk_u, "u_grid.txt"),
         Column("w_bulk", "m/s", "Vertical bulk velocity", nodes.bulk_w, "w_grid.txt"),
     ]
     if nodes.particle_u is not None and nodes.particle_w is not None and nodes.packing is not None:
         columns += [
-            Column("u_particle", "m/s", "Radial particle velocity", nodes.particle_u),
+            Column("u_particle", "m/s", f"{across} particle velocity", nodes.particle_u),
             Column("w_particle", "m/s", "Vertical particle velocity", nodes.particle_w),
             Column("packing", "1", "Solids fraction", nodes.packing, "phi_grid.txt"),
         ]
     columns.append(Column("solids", "1", "Solids mask", solids))
     if nodes.psi is not None:
-        columns.append(Column("psi", "m^3/s", "Stokes stream function", nodes.psi))
+        unit, kind = ("m^3/s", "Stokes stream function") if nodes.axial else ("m^2/s", "Stream function")
+        columns.append(Column("psi", unit, kind, nodes.psi))
     return columns
 
 
 def _spreadsheet(nodes: Nodes, columns: list[Column], name: str, date: datetime, suffix: str) -> Iterator[str]:
     """Lines of the Spreadsheet format, its header and widths as COMSOL's own exports have them; r varies fastest."""
-    yield from _header(
-        {
-            "Model": name,
-            "Version": f"granpipe {__version__}",
-            "Date": f"{MONTHS[date.month - 1]} {date.day} {date.year}, {date:%H:%M}",
-            "Dimension": "2",
-            "Nodes": str(nodes.solids.size),
-            "Expressions": str(len(columns)),
-            "Description": ", ".join(column.description for column in columns),
-            "Length unit": "m",
-        }
-    )
-    yield _row("% r", "z", *(f"{column.name} ({column.unit}){suffix}" for column in columns))
     r, z = np.meshgrid(nodes.r, nodes.z)
-    table = np.column_stack([array.ravel() for array in (r, z, *(column.values for column in columns))])
+    yield from spreadsheet({"r" if nodes.axial else "x": r, "z": z}, columns, name, date, suffix)
+
+
+def spreadsheet(
+    places: dict[str, Array], columns: list[Column], name: str, date: datetime, suffix: str = ""
+) -> Iterator[str]:
+    """Lines of the Spreadsheet format: coordinates by name, then the columns, all of one shape."""
+    entries = {
+        "Model": name,
+        "Version": f"granpipe {__version__}",
+        "Date": f"{MONTHS[date.month - 1]} {date.day} {date.year}, {date:%H:%M}",
+        "Dimension": str(len(places)),
+        "Nodes": str(next(iter(places.values())).size),
+        "Expressions": str(len(columns)),
+        "Description": ", ".join(column.description for column in columns),
+        "Length unit": "m",
+    }
+    yield from (f"% {key + ':':<19} {value}" for key, value in entries.items())
+    first, *others = places
+    yield _row(f"% {first}", *others, *(f"{column.name} ({column.unit}){suffix}" for column in columns))
+    table = np.column_stack([array.ravel() for array in (*places.values(), *(column.values for column in columns))])
     yield from (_row(*map(_number, row)) for row in table.tolist())
-
-
-def _header(entries: dict[str, str]) -> Iterator[str]:
-    return (f"% {key + ':':<19} {value}" for key, value in entries.items())
 
 
 def _row(first: str, *others: str) -> str:
@@ -181,6 +194,6 @@ def _java(field: Field, sections: list[Column], name: str, solids_density: float
     )
 
 
-def _write(path: Path, lines: Iterable[str]) -> None:
+def write_lines(path: Path, lines: Iterable[str]) -> None:
     with path.open("w", encoding="ascii", newline="\n") as file:
         file.writelines(f"{line}\n" for line in lines)

@@ -36,6 +36,7 @@ class Nodes:
     particle_u, particle_w : (nz+1, nr+1) particle velocity v = F/φ [m/s]; None where the field has no packing
     packing : (nz+1, nr+1) solids fraction φ; None where the field has none
     psi : (nz+1, nr+1) Stokes stream function of the bulk velocity [m³/s per radian]; None where the field has none
+    axial : whether r is the distance from an axis; in the plane x–z it is x
     """
 
     r: Array
@@ -48,6 +49,7 @@ class Nodes:
     particle_w: Array | None = None
     packing: Array | None = None
     psi: Array | None = None
+    axial: bool = True
 
 
 def nodal_values(field: Field) -> Nodes:
@@ -62,6 +64,7 @@ def nodal_values(field: Field) -> Nodes:
         solids=corner_sum(cells) > 0,
         cells=cells,
         psi=None if field.psi is None else field.psi * field.velocity_scale,
+        axial=field.grid.axial,
     )
     if field.packing_fraction is not None:
         packing = np.where(field.inside_fraction > 0, field.packing_fraction, 0.0)
@@ -156,11 +159,12 @@ def _on_nodes(field: Field, cells: Mask, part_r: Array, part_z: Array) -> tuple[
     """
     grid = field.grid
     sampled_r, sampled_z = (_sampled(open_part(field, axis), cells, axis) for axis in (1, 0))
-    ring = 0.5 * (grid.r_edges[1:] ** 2 + grid.r_edges[:-1] ** 2)
+    edges = grid.r_edges**2 if grid.axial else grid.r_edges
     u, known_u = _between(_divided(field.flux_r, part_r).T, sampled_r.T, grid.z_centres, grid.z_edges)
-    w, known_w = _between(_divided(field.flux_z, part_z), sampled_z, ring, grid.r_edges**2)
+    w, known_w = _between(_divided(field.flux_z, part_z), sampled_z, 0.5 * (edges[1:] + edges[:-1]), edges)
     u, w = _grown(u.T, known_u.T, cells), _grown(w, known_w, cells)
-    u[:, 0] = 0.0  # by symmetry
+    if grid.axial:
+        u[:, 0] = 0.0  # by symmetry
     solids = corner_sum(cells) > 0
     return np.where(solids, u, 0.0) * field.flow_scale, np.where(solids, w, 0.0) * field.flow_scale
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from granpipe.field import Array, Field, Grid, level_flow
 from granpipe.homogenize.average import Sums
 from granpipe.homogenize.conserve import Plug, scale_rows
 from granpipe.homogenize.smooth import bulk_mask, flowing_faces, smooth
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
 
 
 def packing_fraction(volume: Array, inside_fraction: Array, grid: Grid) -> Array:
@@ -38,6 +40,24 @@ def raw_field(sums: Sums, inside_fraction: Array, plug: Plug, diameter: float, f
         flow_scale=flow_scale,
         raw_flux_r=flux_r,
         raw_flux_z=flux_z,
+        flux_y=sums.mean_flux_y,
+    )
+
+
+def with_standard_errors(field: Field, parts: Sequence[Sums]) -> Field:
+    """A plain average with its standard errors from blocks of its segments; without where there are too few."""
+    if len(parts) < LEAST_BLOCKS:
+        return field
+    joined = blocks(parts)
+    flux_r, flux_z = (standard_error(np.array(values)) for values in zip(*(b.mean_flux for b in joined), strict=True))
+    along_y = [block.mean_flux_y for block in joined if block.mean_flux_y is not None]
+    return replace(
+        field,
+        flux_r_se=flux_r,
+        flux_z_se=flux_z,
+        raw_flux_r_se=flux_r,
+        raw_flux_z_se=flux_z,
+        flux_y_se=standard_error(np.array(along_y)) if along_y else None,
     )
 
 

@@ -128,6 +128,13 @@ class Sums:
         return flux_r, self.flow_z / (self.weight * self.grid.ring_area)
 
     @property
+    def mean_flux_y(self) -> Array | None:
+        """(nz, ny+1, nx) time-averaged solids flux along y [m/s] of a grid in space."""
+        if self.flow_y is None or not isinstance(self.grid, Box):
+            return None
+        return self.flow_y / (self.weight * self.grid.front_area)
+
+    @property
     def storage(self) -> Array:
         """(nz, nr) rate at which solids gather in each cell [m³/s]; 0 where a single snapshot cannot tell."""
         return self.gain / self.duration if self.duration > 0 else np.zeros_like(self.gain)

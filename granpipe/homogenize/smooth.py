@@ -33,7 +33,7 @@ def bulk_mask(volume: Array, inside_fraction: Array, grid: Grid, packing: float,
     """
     inside = inside_fraction > 0
     bulk = inside & (seen_packing(volume, inside_fraction, grid, diameter) > _BULK_PART * packing)
-    particle = (diameter / grid.cell) ** 2
+    particle = (diameter / grid.cell) ** bulk.ndim
     bulk &= ~_specks(bulk, particle)
     return np.asarray(bulk | _specks(inside & ~bulk, particle))
 

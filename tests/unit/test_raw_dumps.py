@@ -13,6 +13,7 @@ from granpipe.case import Case, Outline, Section, load_case
 from granpipe.errors import DataError
 from granpipe.field import level_flow
 from granpipe.raw import Request, homogenize_files
+from granpipe.raw_grid import Frame
 
 FLOW = ConvergingFlow(solids_flow=0.01, packing=0.58)
 RADII = np.full(1, 0.02)
@@ -25,7 +26,7 @@ def dumps(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
 
 
 def request(dumps: tuple[Path, ...], **times: float) -> Request:
-    return Request(dumps=dumps, cell=0.02, time_step=2e-4, **times)
+    return Request(dumps=dumps, frame=Frame("rz", 0.02), time_step=2e-4, **times)
 
 
 def vessel(method: str) -> Case:
@@ -78,7 +79,7 @@ def written(folder: Path, columns: tuple[str, ...] = COLUMNS, shift: float = 0.0
 
 
 def text_request(dumps: tuple[Path, ...]) -> Request:
-    return Request(dumps=dumps, cell=0.02, time_step=2e-4, columns=None)
+    return Request(dumps=dumps, frame=Frame("rz", 0.02), time_step=2e-4)
 
 
 def test_particles_that_can_be_followed_are_sampled_by_their_way(dumps: tuple[Path, ...], tmp_path: Path) -> None:

@@ -1,0 +1,67 @@
+"""A field in space for ParaView and COMSOL Multiphysics: values at the middles of the cells."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from granpipe.export.comsol import Column, spreadsheet, write_lines
+from granpipe.field import Array, Box, Field
+
+
+def write_vtr(field: Field, path: Path) -> None:
+    """Write a rectilinear grid: packing, bulk mask, solids flux and its standard error, bulk and particle velocity."""
+    import pyvista
+
+    grid = _box(field)
+    mesh = pyvista.RectilinearGrid(grid.r_edges, grid.y_edges, grid.z_edges)
+    packing = _packing(field)
+    flux = np.stack(_centred(field), axis=-1)
+    mesh.cell_data["packing_fraction"] = packing.ravel()
+    mesh.cell_data["bulk"] = field.bulk.astype(np.uint8).ravel()
+    mesh.cell_data["solids_flux"] = flux.reshape(-1, 3)
+    mesh.cell_data["bulk_velocity"] = flux.reshape(-1, 3) * field.velocity_scale
+    mesh.cell_data["particle_velocity"] = _per_solids(flux, packing[..., None]).reshape(-1, 3)
+    mesh.save(path)
+
+
+def write_text(field: Field, folder: Path, *, name: str, date: datetime) -> None:
+    """Write the Spreadsheet format: bulk and particle velocity and packing at the middles of the cells."""
+    grid, packing = _box(field), _packing(field)
+    z, y, x = np.meshgrid(*map(_middles, (grid.z_edges, grid.y_edges, grid.r_edges)), indexing="ij")
+    columns = []
+    for letter, axis, flux in zip("uvw", "xyz", _centred(field), strict=True):
+        bulk, own = flux * field.velocity_scale, _per_solids(flux, packing)
+        columns.append(Column(f"{letter}_bulk", "m/s", f"Bulk velocity along {axis}", bulk))
+        columns.append(Column(f"{letter}_particle", "m/s", f"Particle velocity along {axis}", own))
+    columns.append(Column("packing", "1", "Solids fraction", packing))
+    lines = spreadsheet({"x": x, "y": y, "z": z}, columns, name, date)
+    write_lines(folder / "flow_spreadsheet.txt", lines)
+
+
+def _box(field: Field) -> Box:
+    assert isinstance(field.grid, Box)
+    return field.grid
+
+
+def _packing(field: Field) -> Array:
+    assert field.packing_fraction is not None
+    return field.packing_fraction
+
+
+def _centred(field: Field) -> tuple[Array, Array, Array]:
+    """(nz, ny, nx) flux along x, y and z in the middle of the cells: the mean of two faces [m/s]."""
+    assert field.flux_y is not None
+    x, y, z = field.flux_r, field.flux_y, field.flux_z
+    return 0.5 * (x[..., 1:] + x[..., :-1]), 0.5 * (y[:, 1:] + y[:, :-1]), 0.5 * (z[1:] + z[:-1])
+
+
+def _per_solids(flux: Array, packing: Array) -> Array:
+    """v = F/φ, 0 where nothing is."""
+    return np.divide(flux, packing, out=np.zeros_like(flux), where=packing > 0)
+
+
+def _middles(edges: Array) -> Array:
+    return 0.5 * (edges[1:] + edges[:-1])
