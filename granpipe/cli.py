@@ -334,6 +334,59 @@ def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path,
     _reduce(folder)
 
 
+@main.command()
+@_CASE
+@_SET
+@_RESULTS
+@click.option("--hours", type=click.FloatRange(min=0, min_open=True), default=2.0, show_default=True,
+              help="Wall time that the points may take by their plans; the dearest are dropped.")  # fmt: skip
+@click.option("--axis", "axes", multiple=True, help="Go along this axis only; may be given several times.")
+@click.option("--against", type=click.Path(path_type=Path), help="Case whose time is forecast at the measured rate.")
+@click.option("--on", type=click.Choice(["local", "slurm"]), default="local", show_default=True, help="Where to run.")
+@click.option("--cores", type=click.IntRange(1), help="Cores to use here; all that this process may use by default.")
+@click.option("--cluster", type=click.Path(path_type=Path), default=Path("cluster.yaml"), show_default=True,
+              help="What jobs ask the cluster for.")  # fmt: skip
+def study(
+    case: Path, overrides: tuple[str, ...], results: Path, hours: float, axes: tuple[str, ...], against: Path | None,
+    on: str, cores: int | None, cluster: Path,
+) -> None:  # fmt: skip
+    """Run cheaper and dearer variants of CASE, and tell the error of each against the time that it takes.
+
+    What is done is not repeated. On a cluster, run the command again when the jobs have ended: it makes the report.
+    """
+    from granpipe.cores import usable_cores
+    from granpipe.pipeline import plan_case
+    from granpipe.study_run import prepare_study, report_study
+    from granpipe.study_sweep import make_study
+
+    cores = cores or usable_cores()
+    other = None if against is None else plan_case(_read(against, ()))
+    made = make_study(_read(case, overrides).case, hours, cores, axes)
+    for rung in made.dropped:
+        seconds = made.forecast[rung.variant.name]
+        click.echo(f"left out: {rung.variant.name}, {seconds / 3600:.2g} h; give more --hours to have it", err=True)
+    prepared = prepare_study(made, results)
+    with _Console() as console:
+        if prepared.points and on == "slurm":
+            from granpipe.sweep_slurm import submit
+            from granpipe.sweepfile import read_profile
+
+            submit(prepared.folder, prepared.points, read_profile(cluster), console)
+            click.echo(f"follow it with: granpipe status {prepared.folder.root}; then run this command again")
+            return
+        if prepared.points:
+            from granpipe.sweep_local import run_here
+
+            run_here(prepared.folder, prepared.points, cores, console)
+        files, missing = report_study(prepared.folder, other, console)
+    for one in missing:
+        click.echo(f"{one.name}: {one.text or one.word}", err=True)
+    for file in files:
+        click.echo(f"wrote {file}")
+    if missing:
+        sys.exit(3)
+
+
 @main.command(hidden=True)
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("names", nargs=-1, required=True)

@@ -58,13 +58,13 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
             f"the grids differ ({grid.shape[0]} × {grid.shape[1]} cells of {grid.cell:g} m and {other.grid.shape[0]} × "
             f"{other.grid.shape[1]} of {other.grid.cell:g} m); set the same homogenize.cell in both cases"
         )
-    cells = _Cells.of(one, other)
+    cells = Cells.of(one, other)
     shared = max(1.0, (diameter / grid.cell) ** 2)
     return [cells.compare(name, rows, shared) for name, rows in section_rows(grid, levels).items()]
 
 
 @dataclass(frozen=True)
-class _Cells:
+class Cells:
     """(nz, nr) squares at the middle of each cell [m²/s²]: of the first field, of the difference, of its error."""
 
     weight: Array
@@ -73,13 +73,13 @@ class _Cells:
     variance: Array
 
     @classmethod
-    def of(cls, one: Field, other: Field) -> _Cells:
+    def of(cls, one: Field, other: Field) -> Cells:
         a, b = one.velocity_scale, other.velocity_scale
         return cls(
             weight=np.where(one.bulk & other.bulk, one.grid.ring_area, 0.0),
             field=cell_squares(one.flux_r * a, one.flux_z * a),
             apart=cell_squares(one.flux_r * a - other.flux_r * b, one.flux_z * a - other.flux_z * b),
-            variance=_error_squares(one) + _error_squares(other),
+            variance=error_squares(one) + error_squares(other),
         )
 
     def _sums(self, rows: Mask) -> tuple[float, float, float]:
@@ -98,7 +98,7 @@ class _Cells:
         return Difference(name, *(sqrt(value / total) for value in (observed, noise, free, upper)))
 
 
-def _error_squares(field: Field) -> Array:
+def error_squares(field: Field) -> Array:
     """(nz, nr) squared standard error of the bulk velocity; neighbouring faces share their particles, so no less."""
     if field.flux_r_se is None or field.flux_z_se is None:
         return np.zeros(field.grid.shape)

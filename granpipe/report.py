@@ -1,0 +1,131 @@
+"""One page of HTML that needs nothing beside itself: text, tables and pictures, for a run and for a study."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from granpipe.errors import DataError
+from granpipe.jsonfile import read_json
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page: text, pictures, a table.
+
+    Parameters
+    ----------
+    title : its heading
+    text : paragraphs
+    figures : PNG files
+    head, rows : a table; none without rows
+    """
+
+    title: str
+    text: Sequence[str] = ()
+    figures: Sequence[Path] = ()
+    head: Sequence[str] = ()
+    rows: Sequence[Sequence[str]] = ()
+
+
+def write_page(path: Path, title: str, intro: Sequence[str], sections: Sequence[Section]) -> None:
+    """Write the page; pictures go into it."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("granpipe"),
+        undefined=jinja2.StrictUndefined,
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    parts = [
+        {
+            "title": section.title,
+            "text": section.text,
+            "figures": [base64.b64encode(figure.read_bytes()).decode() for figure in section.figures],
+            "head": section.head,
+            "rows": section.rows,
+        }
+        for section in sections
+    ]
+    page = environment.get_template("report.html.j2").render(title=title, intro=intro, parts=parts)
+    path.write_text(page, encoding="utf-8")
+
+
+def markdown(sections: Sequence[Section]) -> str:
+    """The same text and tables as Markdown, without pictures."""
+    lines: list[str] = []
+    for section in sections:
+        lines += [f"## {section.title}", ""]
+        for paragraph in section.text:
+            lines += [paragraph, ""]
+        if section.rows:
+            lines += ["| " + " | ".join(section.head) + " |", "|" + "---|" * len(section.head)]
+            lines += ["| " + " | ".join(row) + " |" for row in section.rows]
+            lines.append("")
+    return "\n".join(lines)
+
+
+def write_run_report(folder: Path) -> None:
+    """``report.html`` of a results folder, from the files in it."""
+    plan, provenance = read_json(folder / "plan.json"), read_json(folder / "provenance.json")
+    try:
+        sections = [*_run_sections(plan, provenance), *_pictures(folder)]
+        intro = [
+            f"Model {plan['model']}, made {provenance['made']} by granpipe {provenance['granpipe']} "
+            f"in {_seconds(provenance['wall_seconds'])}."
+        ]
+    except (KeyError, TypeError) as error:
+        raise DataError(f"{folder}: damaged ({error!r}); delete it and run again") from None
+    write_page(folder / "report.html", provenance["case"], intro, sections)
+
+
+def _run_sections(plan: Mapping[str, Any], provenance: Mapping[str, Any]) -> list[Section]:
+    figures = provenance["figures"]
+    gates = [
+        (gate["name"], f"{gate['value']:.3g}", gate["limit"], "passed" if gate["passed"] else "failed")
+        for gate in provenance["quality"]
+    ]
+    sections = [Section("Quality", head=("gate", "value", "must be", ""), rows=gates)] if gates else []
+    errors = [(name, f"{error:.2%}") for name, error in figures.get("statistical_error", {}).items()]
+    if errors:
+        sections.append(Section("Statistical error of the field", head=("section", "relative error"), rows=errors))
+    choices = [(c["name"], c["value"], c["criterion"]) for c in plan.get("dem", {}).get("choices", ())]
+    if choices:
+        sections.append(Section("Settings", head=("setting", "value", "criterion"), rows=choices))
+    stages = [(stage["stage"], stage["reason"]) for stage in plan["stages"]]
+    sections.append(Section("Stages", _notes(plan), head=("stage", "why"), rows=stages))
+    if "produce_wall_seconds" in figures:
+        sections.append(Section("Time", head=("what", "measured"), rows=_times(plan, figures, provenance)))
+    return sections
+
+
+def _notes(plan: Mapping[str, Any]) -> list[str]:
+    return [*plan["warnings"], *(f"Outside the range: {breach}" for breach in plan["outside_the_range"])]
+
+
+def _times(plan: Mapping[str, Any], figures: Mapping[str, Any], provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What the stages took; those that were done before took it in an earlier run."""
+    found = [
+        ("production, each run", ", ".join(map(_seconds, figures["produce_wall_seconds"]))),
+        ("of it averaging", ", ".join(map(_seconds, figures["averaging_seconds"]))),
+        ("this run, all together", _seconds(provenance["wall_seconds"])),
+    ]
+    return [("forecast of filling and production", _seconds(plan["dem"]["seconds"])), *found]
+
+
+def _pictures(folder: Path) -> list[Section]:
+    pictures = sorted((folder / "figures").glob("*.png"))
+    return [Section("Pictures", figures=pictures)] if pictures else []
+
+
+def _seconds(seconds: float) -> str:
+    minutes = seconds / 60
+    return f"{seconds:.3g} s" if minutes < 2 else f"{minutes:.3g} min" if minutes < 120 else f"{minutes / 60:.3g} h"
+
+
+duration = _seconds

@@ -1,0 +1,104 @@
+"""What an error is made of, which ways to make a field are worth their time, and which one to take."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import hypot
+
+from scipy.special import chdtri
+
+TOLERANCES = (0.02, 0.05, 0.1, 0.2)
+"""Total errors for which a setting is recommended."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part of an error, noise taken off, and its 95 % upper bound."""
+
+    value: float
+    upper: float
+
+    @property
+    def resolved(self) -> bool:
+        """Whether it stands out of the noise: it is larger than its own uncertainty."""
+        return 2 * self.value**2 > self.upper**2
+
+    def __str__(self) -> str:
+        return f"{self.value:.1%}" if self.resolved else f"unresolved, below {self.upper:.1%}"
+
+
+@dataclass(frozen=True)
+class Option:
+    """One way to make the field: a point of the study, a method, and how much of its run is averaged.
+
+    Parameters
+    ----------
+    point : name of the point
+    method : how the average is made a field
+    travel : plate travel averaged, in outlet diameters
+    seconds : wall time of its stages
+    cores : how many cores they kept busy
+    statistical : section → standard error of the field
+    blocks : how many independent blocks that rests on; infinite where there is no noise
+    systematic : section → what is left of the difference from the reference without noise
+    changes : of the case, that make this point; the averaging time among them
+    """
+
+    point: str
+    method: str
+    travel: float
+    seconds: float
+    cores: int
+    statistical: Mapping[str, float]
+    blocks: float
+    systematic: Mapping[str, Part]
+    changes: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def core_seconds(self) -> float:
+        """Time of one core that it takes."""
+        return self.seconds * self.cores
+
+    def error(self, section: str = "whole") -> Part:
+        """Total error: both parts are independent, so their squares add.
+
+        A standard error from n blocks is itself known only so well: (n − 1) s²/σ² is χ² of n − 1.
+        """
+        noise, rest = self.statistical[section], self.systematic[section]
+        return Part(hypot(noise, rest.value), hypot(noise * sure_factor(self.blocks), rest.upper))
+
+
+def sure_factor(blocks: float) -> float:
+    """By how much a standard error from so many independent blocks may be too small, at 95 %."""
+    if math.isinf(blocks):
+        return 1.0
+    return float(math.sqrt((blocks - 1) / chdtri(blocks - 1, 0.95)))
+
+
+def pareto(options: Iterable[Option], section: str = "whole") -> list[Option]:
+    """Options that no other beats in both time and proven error (the upper bound), the cheapest first."""
+    front: list[Option] = []
+    for option in sorted(options, key=lambda o: (o.core_seconds, o.error(section).upper)):
+        if not front or option.error(section).upper < front[-1].error(section).upper:
+            front.append(option)
+    return front
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The cheapest option for a tolerance; `proven` where its upper bound keeps it, not only its estimate."""
+
+    tolerance: float
+    option: Option | None
+    proven: bool
+
+
+def advise(options: Sequence[Option], tolerance: float, section: str = "whole") -> Advice:
+    """The cheapest option that is good enough, beyond doubt if there is one."""
+    for proven in (True, False):
+        good = [o for o in options if (e := o.error(section)) and (e.upper if proven else e.value) <= tolerance]
+        if good:
+            return Advice(tolerance, min(good, key=lambda o: o.core_seconds), proven)
+    return Advice(tolerance, None, proven=False)

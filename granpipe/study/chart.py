@@ -1,0 +1,77 @@
+"""The chart of a study: error against time, every option with its error bar, and the front of those worth it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from granpipe.study.budget import TOLERANCES, Option, pareto
+
+
+def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
+    """Total error of the whole against wall time × cores, on logarithmic axes.
+
+    One line per point and method, over the lengths of its average. Bars reach up to the 95 % bound.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
+    axes: Any = figure.subplots()
+    for number, ((point, method), line) in enumerate(_lines(options).items()):
+        errors = [option.error() for option in line]
+        axes.errorbar(
+            [option.core_seconds for option in line],
+            [error.value for error in errors],
+            yerr=[[0.0] * len(errors), [error.upper - error.value for error in errors]],
+            marker="os^vD<>ph*"[number % 10],
+            color=f"C{number % 10}",
+            markersize=4,
+            linewidth=0.8,
+            capsize=2,
+            linestyle="--" if point == reference else "-" if method == "psi" else ":",
+            label=f"{point}, {method}" + (" (reference)" if point == reference else ""),
+        )
+    front = pareto(options)
+    axes.step(
+        [option.core_seconds for option in front],
+        [option.error().upper for option in front],
+        where="post",
+        color="black",
+        linewidth=2,
+        alpha=0.5,
+        label="front of the 95 % bounds",
+    )
+    for tolerance in TOLERANCES:
+        axes.axhline(tolerance, color="grey", linewidth=0.4)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.set_xlabel("wall time × cores [s]")
+    axes.set_ylabel("error of the field, whole vessel")
+    axes.grid(alpha=0.3, which="both")
+    axes.legend(fontsize=6, ncols=2)
+    figure.savefig(path, dpi=130)
+
+
+def _lines(options: Sequence[Option]) -> dict[tuple[str, str], list[Option]]:
+    """Options of one point and method, the cheapest first."""
+    lines: dict[tuple[str, str], list[Option]] = {}
+    for option in sorted(options, key=lambda option: option.core_seconds):
+        lines.setdefault((option.point, option.method), []).append(option)
+    return lines
+
+
+def draw_curves(curves: dict[str, list[tuple[float, float]]], across: str, up: str, path: Path) -> None:
+    """Lines of (x, y), both logarithmic: another chart of error against time."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.5, 4.0), layout="constrained")
+    axes: Any = figure.subplots()
+    for label, points in curves.items():
+        xs, ys = zip(*sorted(points), strict=True)
+        axes.loglog(xs, ys, "o-", markersize=4, linewidth=1, label=label)
+    axes.set_xlabel(across)
+    axes.set_ylabel(up)
+    axes.grid(alpha=0.3, which="both")
+    axes.legend(fontsize=7)
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,223 @@
+"""The fields of a study's points: whole and shorter averages, larger cells, other methods, all from the same segments.
+
+Nothing is run here: production has left its sums, segment by segment, and the time that each took.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granpipe.case import Case
+from granpipe.dem_field import after_transient, conserved_field, statistical_errors
+from granpipe.errors import DataError
+from granpipe.field import Array, Field, Grid, flux_from_psi
+from granpipe.homogenize.average import Sums, merge
+from granpipe.homogenize.coarsen import coarsened
+from granpipe.homogenize.psi_field import BLOCKS
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, effective_samples, standard_error
+from granpipe.jsonfile import read_json
+from granpipe.plan import Plan
+from granpipe.simulate import Production
+
+WINDOWS = 5
+"""Lengths of the average that are looked at, each half as long as the one before."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way from segments to a field: how, and on cells how many times as large."""
+
+    name: str
+    joined: int = 1
+
+    def changes(self, cell: float) -> dict[str, str]:
+        """Of the case, that make a run use it on cells of its own, those of the study being of this size [m]."""
+        found = {"homogenize.cell": f"{self.joined * cell:.6g}"}
+        passes = {"rows": "0"}.get(self.name)
+        if self.name in ("paper", "rows"):
+            found["homogenize.method"] = "paper"
+        return found if passes is None else found | {"homogenize.smoothing_passes": passes}
+
+    def __str__(self) -> str:
+        return self.name if self.joined == 1 else f"{self.name}, cells × {self.joined}"
+
+
+PSI = Method("psi")
+METHODS = (PSI, Method("psi", 2), Method("psi", 4), Method("paper"), Method("rows"), Method("raw"))
+"""`rows` is the paper's method without smoothing, `raw` the plain average."""
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A point that has particles, run.
+
+    Parameters
+    ----------
+    plan : of the point, or of the one sub-model of a hybrid
+    productions : its chains
+    """
+
+    plan: Plan
+    productions: tuple[Production, ...]
+
+    @cached_property
+    def parts(self) -> list[Sums]:
+        """The segments of all chains."""
+        return [sums for production in self.productions for sums in production.sums()]
+
+    @cached_property
+    def clocks(self) -> list[Array]:
+        """Wall time [s] of each chain, settling included, up to the end of each of its segments."""
+        return [_clock(production) for production in self.productions]
+
+    @property
+    def ends(self) -> list[float]:
+        """Simulated times at which averages may end [s], the longest first."""
+        run = min((p.run for p in self.productions), default=0)
+        stops = [sums.stop for sums in self.parts if sums.run == run]
+        counts = [len(stops) >> halvings for halvings in range(WINDOWS)]
+        return [stops[count - 1] for count in counts if count * len(self.productions) >= LEAST_BLOCKS]
+
+    def until(self, end: float) -> list[Sums]:
+        """The segments up to a time, after the transient as a run of that length would see it."""
+        near = end * (1 + 1e-9)
+        return after_transient([sums for sums in self.parts if sums.stop <= near], self.plan.case)
+
+    def seconds(self, end: float) -> float:
+        """Wall time up to a simulated time: that of the slowest chain, for they run side by side."""
+        seconds = []
+        for production, clock in zip(self.productions, self.clocks, strict=True):
+            reached = np.searchsorted(self._stops(production.run), end * (1 - 1e-9))
+            seconds.append(clock[min(int(reached), len(clock) - 1)])
+        return float(max(seconds))
+
+    def _stops(self, run: int) -> list[float]:
+        return [sums.stop for sums in self.parts if sums.run == run]
+
+    @property
+    def cores(self) -> int:
+        """How many cores the chains keep busy side by side."""
+        return sum(int(production.reports()[-1]["ranks"]) for production in self.productions)
+
+
+def _clock(production: Production) -> Array:
+    """Segments note the time since LIGGGHTS was last started; where it falls, production was resumed."""
+    seconds = [float(report["wall_seconds"]) for report in production.reports()]
+    resumed = np.cumsum([0.0, *(before if after < before else 0.0 for before, after in pairwise(seconds))])
+    return float(read_json(production.settled / "settle.json")["wall_seconds"]) + resumed + seconds
+
+
+@dataclass(frozen=True)
+class Average:
+    """A field on the point's own cells, and how many independent blocks its standard errors rest on."""
+
+    field: Field
+    blocks: float
+
+    def errors(self, case: Case) -> dict[str, float]:
+        """Statistical error of the whole and of each section."""
+        return statistical_errors(self.field, case.outline.levels)
+
+
+def field_of(plan: Plan, steady: Sequence[Sums], method: Method = PSI) -> Average:
+    """The field of the average of some segments; DataError where they are too few for standard errors."""
+    if len(steady) < LEAST_BLOCKS:
+        raise DataError(f"{len(steady)} segments give no standard error; at least {LEAST_BLOCKS} are needed")
+    parts = [coarsened(sums, method.joined) for sums in steady]
+    case, diameter = _by(plan.case, method.name), plan.dem.classes.sauter_diameter
+    made = conserved_field(case, plan.outline, parts, diameter)
+    if method.name == "psi":
+        inside = plan.outline.inside_fraction(plan.grid)
+        return Average(refined(made.field, plan.grid, inside, method.joined), made.figures["effective_blocks"])
+    if method.name == "raw":
+        flux_r, flux_z = merge(parts).mean_flux
+        return _with_errors(replace(made.field, flux_r=flux_r, flux_z=flux_z), parts, lambda block: block.mean_flux)
+    return _with_errors(
+        made.field, parts, lambda block: _flux(conserved_field(case, plan.outline, [block], diameter).field)
+    )
+
+
+def _by(case: Case, method: str) -> Case:
+    """The case with another method; what the planner settled stays."""
+    if method == "psi":
+        return case
+    passes = case.homogenize.smoothing_passes if method == "paper" else 0
+    changed = case.homogenize.model_copy(update={"method": "paper", "smoothing_passes": passes})
+    return case.model_copy(update={"homogenize": changed})
+
+
+def _flux(field: Field) -> tuple[Array, Array]:
+    return field.flux_r, field.flux_z
+
+
+def _with_errors(field: Field, parts: Sequence[Sums], make: Callable[[Sums], tuple[Array, Array]]) -> Average:
+    """The field with standard errors from how blocks differ that are each made a field of their own."""
+    joined, fluxes = _blocks_made(parts, make)
+    grid, run = field.grid, np.array([block.run for block in joined])
+    flux_r, flux_z = (np.array(component) for component in zip(*fluxes, strict=True))
+    through = [flux_r * np.sqrt(grid.side_area), flux_z * np.sqrt(grid.ring_area)]
+    effective = effective_samples(np.concatenate([a.reshape(len(a), -1) for a in through], axis=1), run)
+    errors = standard_error(flux_r, effective), standard_error(flux_z, effective)
+    return Average(replace(field, flux_r_se=errors[0], flux_z_se=errors[1]), effective)
+
+
+def _blocks_made(
+    parts: Sequence[Sums], make: Callable[[Sums], tuple[Array, Array]]
+) -> tuple[list[Sums], list[tuple[Array, Array]]]:
+    """Blocks and their fields; few long blocks where a level of a short one carries too little to be scaled."""
+    for count in (min(len(parts), BLOCKS), LEAST_BLOCKS):
+        joined = blocks(parts, count)
+        try:
+            return joined, [make(block) for block in joined]
+        except DataError:
+            continue
+    raise DataError("the blocks of this average are too short for this method")
+
+
+def refined(field: Field, grid: Grid, inside_fraction: Array, joined: int) -> Field:
+    """A ψ field of joined cells on the cells themselves: ψ linear in r² and z, in which a plug is exact."""
+    if joined == 1:
+        return field
+    from scipy.interpolate import RegularGridInterpolator
+
+    assert field.psi is not None
+    coarse = RegularGridInterpolator((field.grid.z_edges, field.grid.r_edges**2), field.psi)
+    psi = coarse(tuple(np.meshgrid(grid.z_edges, grid.r_edges**2, indexing="ij")))
+    flux_r, flux_z = flux_from_psi(psi, grid)
+    rows, columns = grid.shape
+    r_se, z_se = field.flux_r_se, field.flux_z_se
+    return replace(
+        field,
+        grid=grid,
+        inside_fraction=inside_fraction,
+        bulk=_repeated(field.bulk, joined, (rows, columns)),
+        packing_fraction=None,
+        raw_flux_r=None,
+        raw_flux_z=None,
+        raw_flux_r_se=None,
+        raw_flux_z_se=None,
+        psi=psi,
+        flux_r=flux_r,
+        flux_z=flux_z,
+        flux_r_se=None if r_se is None else _repeated(r_se, joined, (rows, columns + 1)),
+        flux_z_se=None if z_se is None else _repeated(z_se, joined, (rows + 1, columns)),
+    )
+
+
+def _repeated(values: NDArray[Any], times: int, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Each value for all the fine ones nearest to it."""
+    rows, columns = (np.arange(n) // times for n in shape)
+    return np.asarray(values[np.ix_(rows.clip(max=len(values) - 1), columns.clip(max=values.shape[1] - 1))])
+
+
+def methods_of(ran: Ran) -> Iterator[Method]:
+    """Methods that this point's cells allow."""
+    rows = ran.plan.grid.shape[0]
+    return (method for method in METHODS if rows % method.joined == 0)

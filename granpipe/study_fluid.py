@@ -1,0 +1,64 @@
+"""Error against time of the finite elements: order and mesh of the fictitious fluid, on the scene of a study."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from granpipe.case import Case
+from granpipe.compare import compare
+from granpipe.dem_field import target_flow
+from granpipe.field import Grid
+from granpipe.fluid.fictitious import solve_fluid, to_field
+from granpipe.fluid_field import wall_law
+from granpipe.geometry.outline import Outline
+from granpipe.geometry.section import mesh_section
+
+ACROSS = (5, 10, 20)
+"""Elements from the axis to the wall."""
+
+ORDERS = (2, 3, 4)
+
+FINEST = 40
+"""Elements across of the reference, at the highest order."""
+
+_PACKING = 1.0  # a factor of every field, which the comparison does not see
+
+
+@dataclass(frozen=True)
+class Solve:
+    """One solve: elements across, order, unknowns, wall time with the mesh [s], error against the finest."""
+
+    across: int
+    order: int
+    unknowns: int
+    seconds: float
+    error: float
+
+
+def fluid_ladder(case: Case, grid: Grid) -> tuple[Solve, ...]:
+    """The fluid on coarser and finer meshes, each order, against the finest."""
+    outline = Outline.from_case(case)
+    inside = outline.inside_fraction(grid)
+    flow = target_flow(case, case.material.bulk_density / case.material.density if case.material.bulk_density else 0.6)
+
+    def solve(across: int, order: int):  # type: ignore[no-untyped-def]
+        begun = time.monotonic()
+        mesh = mesh_section(
+            outline.wall,
+            outline.obstacles,
+            case.outline.levels,
+            cells_across=across,
+            outlet_radii=case.fluid.annulus or (),
+        )
+        solution = solve_fluid(mesh, wall_law(case), flow, order)
+        field = to_field(solution, grid, inside, _PACKING)
+        return field, solution.unknowns, time.monotonic() - begun
+
+    finest, _, _ = solve(FINEST, ORDERS[-1])
+    found = []
+    for order in ORDERS:
+        for across in ACROSS:
+            field, unknowns, seconds = solve(across, order)
+            found.append(Solve(across, order, unknowns, seconds, compare(finest, field, {}, grid.cell)[0].observed))
+    return tuple(found)

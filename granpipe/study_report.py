@@ -1,0 +1,298 @@
+"""What a study leaves: study.json and tables as CSV, charts as PNG, and one page of HTML with all of it."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+
+from granpipe import __version__
+from granpipe.case import Case
+from granpipe.cores import usable_cores
+from granpipe.errors import DataError
+from granpipe.jsonfile import read_json, write_json
+from granpipe.plan import Plan
+from granpipe.report import Section, duration, write_page
+from granpipe.study.budget import TOLERANCES, Option, Part, advise, pareto
+from granpipe.study.chart import draw_curves, draw_options
+from granpipe.study.table import Row, write_csv
+from granpipe.study_fluid import Solve
+from granpipe.study_results import Findings, Ladder, Lever
+from granpipe.sweep import Folder
+
+_GOOD_FORECAST = 1.5
+"""A forecast within this factor of the measured time is good."""
+
+_NO_POWER = 3.0
+"""Misfit beyond which points along an axis do not follow a power of the setting."""
+
+
+def write_study(folder: Folder, case: Case, found: Findings, solves: Sequence[Solve], other: Plan | None) -> list[Path]:
+    """Write everything into the study's folder; `other` is a plan whose time shall be forecast at the measured rate."""
+    root = folder.root
+    write_json(root / "study.json", _stored(case, found))
+    write_csv([_option_row(option) for option in found.options], root / "options.csv")
+    write_csv([_lever_row(lever) for lever in found.levers], root / "points.csv")
+    draw_options(found.options, found.reference, root / "error_time.png")
+    draw_curves(_method_curves(found), "wall time × cores [s]", "statistical error", root / "methods.png")
+    draw_curves(
+        _solve_curves(solves), "wall time of mesh and solve [s]", "error against the finest", root / "fluid.png"
+    )
+    sections = study_sections(found, solves, other)
+    charts = {"Error against time": "error_time.png", "Methods": "methods.png", "Finite elements": "fluid.png"}
+    shown = [
+        Section(s.title, s.text, [root / charts[s.title]] if s.title in charts else (), s.head, s.rows)
+        for s in sections
+    ]
+    write_page(root / "report.html", f"Study of {case.name}", study_intro(found), shown)
+    return [root / name for name in ("report.html", "error_time.png", "options.csv", "points.csv", "study.json")]
+
+
+def read_options(folder: Path) -> list[Option]:
+    """The options of a study; DataError where there is none."""
+    stored = read_json(folder / "study.json")
+    try:
+        return [
+            Option(**option | {"systematic": {name: Part(**part) for name, part in option["systematic"].items()}})
+            for option in stored["options"]
+        ]
+    except (KeyError, TypeError) as error:
+        raise DataError(f"{folder / 'study.json'}: damaged ({error!r}); run the study again") from None
+
+
+def study_intro(found: Findings) -> list[str]:
+    """Where and when, and against what."""
+    return [
+        f"Made on {datetime.now().astimezone():%Y-%m-%d} by granpipe {__version__} on {usable_cores()} cores "
+        f"({machine()}).",
+        f"Reference: {found.reference}. Errors are E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells, A the area of "
+        "each ring. Statistical: the standard error of the average. Systematic: the difference from the reference "
+        "with the noise of both taken off, and its 95 % bound. Unresolved: smaller than its own uncertainty.",
+    ]
+
+
+def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None) -> Iterator[Section]:
+    """The report, part by part."""
+    yield Section(
+        "Recommended settings",
+        ["The cheapest option whose error is proven (its 95 % bound is below the tolerance), or else estimated."],
+        head=("total error", "point", "method", "travel", "time × cores", "error", "95 % bound", ""),
+        rows=[_advice_row(found.options, tolerance) for tolerance in TOLERANCES],
+    )
+    yield Section(
+        "Error against time",
+        ["The front: options that no other beats in both time and 95 % bound. Travel in outlet diameters."],
+        head=("point", "method", "travel", "time × cores", "statistical", "systematic", "error", "95 % bound"),
+        rows=[_front_row(option) for option in pareto(found.options)],
+    )
+    axes = [ladder.axis for ladder in found.ladders]
+    yield Section(
+        "Error budget",
+        [
+            "What each setting adds against the limit of its axis: the material's own size, no speed, no softness, no "
+            "step. All parts together let a difference from the reference be expected, beside the measured one.",
+            *map(_ladder_text, found.ladders),
+        ],
+        head=("point", "statistical", *axes, "all parts, from the reference", "measured, from the reference"),
+        rows=[_budget_row(lever, axes) for lever in found.levers],
+    )
+    yield Section(
+        "Levers",
+        ["What a change of the case does to the time and to the field."],
+        head=("point", "axis", "time × cores", "against the case", "difference from the case"),
+        rows=[_lever_text(lever, found.levers[0]) for lever in found.levers],
+    )
+    yield Section("Sections", head=_section_head(found), rows=[_section_row(lever) for lever in found.levers])
+    names = list(dict.fromkeys(name for lever in found.levers for name in lever.measures))
+    yield Section(
+        "Measures",
+        [
+            "Differences from the reference. Temperature: w D/κ = 100 at the outlet, feed at 0, walls and obstacles "
+            "at 1. The last row is the difference between the halves of the reference's own run: what is not larger "
+            "is no more than noise."
+        ],
+        head=("point", *names),
+        rows=[
+            *((lever.point, *_figures(lever.measures, names)) for lever in found.levers if lever.measures),
+            ("halves of the reference", *_figures(found.spread, names)),
+        ],
+    )
+    yield Section(
+        "Methods",
+        ["Statistical error of the case itself over its averaging time, by how its average is made a field."],
+        head=("method", "systematic", "whole average", "statistical"),
+        rows=[_method_row(method, options) for method, options in _by_method(found).items()],
+    )
+    yield Section(
+        "Finite elements",
+        ["The fictitious fluid on this outline, against order 4 on the finest mesh."],
+        head=("order", "elements across", "unknowns", "time", "error"),
+        rows=[(str(s.order), str(s.across), str(s.unknowns), duration(s.seconds), f"{s.error:.2%}") for s in solves],
+    )
+    yield _forecasts(found, other)
+
+
+def _advice_row(options: Sequence[Option], tolerance: float) -> tuple[str, ...]:
+    advice = advise(options, tolerance)
+    if advice.option is None:
+        return (f"{tolerance:.0%}", "none of the options", "", "", "", "", "", "")
+    option, error = advice.option, advice.option.error()
+    return (
+        f"{tolerance:.0%}",
+        option.point,
+        option.method,
+        f"{option.travel:.2f}",
+        duration(option.core_seconds),
+        f"{error.value:.1%}",
+        f"{error.upper:.1%}",
+        "proven" if advice.proven else "estimated only",
+    )
+
+
+def _front_row(option: Option) -> tuple[str, ...]:
+    error = option.error()
+    return (
+        option.point,
+        option.method,
+        f"{option.travel:.2f}",
+        duration(option.core_seconds),
+        f"{option.statistical['whole']:.1%}",
+        str(option.systematic["whole"]),
+        f"{error.value:.1%}",
+        f"{error.upper:.1%}",
+    )
+
+
+def _ladder_text(ladder: Ladder) -> str:
+    if ladder.misfit is None:
+        return f"{ladder.axis}: two points, first order assumed."
+    judgement = "no power of the setting describes them" if ladder.misfit > _NO_POWER else "within the noise"
+    return f"{ladder.axis}: {ladder.points} points, order {ladder.order:g}, misfit {ladder.misfit:.2g} ({judgement})."
+
+
+def _budget_row(lever: Lever, axes: Sequence[str]) -> tuple[str, ...]:
+    parts = [str(lever.parts[axis]["whole"]) if axis in lever.parts else "" for axis in axes]
+    predicted = "" if lever.predicted is None else str(lever.predicted["whole"])
+    return (lever.point, f"{lever.statistical['whole']:.1%}", *parts, predicted, str(lever.systematic["whole"]))
+
+
+def _lever_text(lever: Lever, base: Lever) -> tuple[str, ...]:
+    cost, of_base = lever.seconds * lever.cores, base.seconds * base.cores
+    return (lever.point, lever.axis, duration(cost), f"× {cost / of_base:.2f}", str(lever.from_base["whole"]))
+
+
+def _section_head(found: Findings) -> tuple[str, ...]:
+    names = list(found.levers[0].systematic)
+    return ("systematic error of point", *names)
+
+
+def _section_row(lever: Lever) -> tuple[str, ...]:
+    return (lever.point, *map(str, lever.systematic.values()))
+
+
+def _figures(measures: Mapping[str, float], names: Sequence[str]) -> list[str]:
+    return [f"{measures[name]:.3g}" if name in measures else "" for name in names]
+
+
+def _by_method(found: Findings) -> dict[str, list[Option]]:
+    """Options of the case itself by method, the longest average first."""
+    methods: dict[str, list[Option]] = {}
+    for option in found.options:
+        if option.point == found.levers[0].point:
+            methods.setdefault(option.method, []).append(option)
+    return methods
+
+
+def _method_row(method: str, options: Sequence[Option]) -> tuple[str, ...]:
+    longest = max(options, key=lambda option: option.travel)
+    return (
+        method,
+        str(longest.systematic["whole"]),
+        f"{longest.travel:.2f} outlet diameters",
+        f"{longest.statistical['whole']:.1%}",
+    )
+
+
+def _method_curves(found: Findings) -> dict[str, list[tuple[float, float]]]:
+    return {
+        method: [(option.core_seconds, option.statistical["whole"]) for option in options]
+        for method, options in _by_method(found).items()
+    }
+
+
+def _solve_curves(solves: Sequence[Solve]) -> dict[str, list[tuple[float, float]]]:
+    orders = sorted({solve.order for solve in solves})
+    return {f"order {order}": [(s.seconds, s.error) for s in solves if s.order == order] for order in orders}
+
+
+def _forecasts(found: Findings, other: Plan | None) -> Section:
+    """Forecast against measured time of every point, and the time of another plan at the measured rate."""
+    text = []
+    rows = []
+    for lever in found.levers:
+        if lever.forecast is None or not lever.parts:
+            continue
+        ratio = lever.seconds / lever.forecast
+        good = "" if 1 / _GOOD_FORECAST <= ratio <= _GOOD_FORECAST else f"beyond a factor of {_GOOD_FORECAST:g}"
+        rows.append((lever.point, duration(lever.forecast), duration(lever.seconds), f"{ratio:.2f}", good))
+    if found.rate is not None:
+        text.append(f"Measured: {found.rate:.3g} particle-steps per second on one core, filling included.")
+    if other is not None and found.rate is not None:
+        hours = other.particle_steps / found.rate / 3600
+        text.append(
+            f"{other.case.name}: {other.particle_steps:.3g} particle-steps, at this rate {hours:.3g} hours of one core."
+        )
+    return Section("Forecasts", text, head=("point", "forecast", "measured", "ratio", ""), rows=rows)
+
+
+def _stored(case: Case, found: Findings) -> dict[str, object]:
+    return {
+        "case": case.model_dump(mode="json", exclude_none=True),
+        "made": datetime.now().astimezone().isoformat(timespec="seconds"),
+        "granpipe": __version__,
+        "machine": machine(),
+        "cores": usable_cores(),
+        **asdict(found),
+    }
+
+
+def _option_row(option: Option) -> Row:
+    error = option.error()
+    row: dict[str, str | float] = {
+        "point": option.point,
+        "method": option.method,
+        "travel_outlet_diameters": option.travel,
+        "seconds": option.seconds,
+        "cores": option.cores,
+        "error": error.value,
+        "error_95": error.upper,
+    }
+    for name, statistical in option.statistical.items():
+        part = option.systematic[name]
+        row |= {
+            f"{name}.statistical": statistical,
+            f"{name}.systematic": part.value,
+            f"{name}.systematic_95": part.upper,
+        }
+    return row | dict(option.changes)
+
+
+def _lever_row(lever: Lever) -> Row:
+    row: dict[str, str | float] = {"point": lever.point, "axis": lever.axis, "seconds": lever.seconds}
+    row |= {"cores": lever.cores, "forecast_seconds": "" if lever.forecast is None else lever.forecast}
+    for name, part in lever.systematic.items():
+        row |= {f"{name}.systematic": part.value, f"{name}.systematic_95": part.upper}
+    for axis, parts in lever.parts.items():
+        row |= {f"part.{axis}": parts["whole"].value, f"part.{axis}_95": parts["whole"].upper}
+    return row | dict(lever.measures)
+
+
+def machine() -> str:
+    """The processor's name."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()

@@ -1,0 +1,378 @@
+"""What a study found: the error of every option against its reference, what it is made of, and what it took.
+
+The error of an option has two parts. *Statistical* is the standard error of its own average. *Systematic* is what is
+left of the difference from the reference when the noise of both is taken off; it belongs to the point and the method,
+and is measured once, on the point's whole average.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from granpipe.case import Case
+from granpipe.compare import Cells, Difference, compare, error_squares
+from granpipe.dem_field import statistical_errors
+from granpipe.errors import DataError
+from granpipe.field import Array, Field, section_rows
+from granpipe.homogenize.statistics import LEAST_BLOCKS
+from granpipe.jsonfile import read_json
+from granpipe.pipeline import plan_case
+from granpipe.plan import Plan
+from granpipe.progress import Progress, Silent
+from granpipe.simulate import simulate
+from granpipe.store import Store
+from granpipe.study.budget import Option, Part
+from granpipe.study.limit import Slope, fit_slope
+from granpipe.study_fields import PSI, Method, Ran, field_of, methods_of
+from granpipe.study_measures import Scene
+from granpipe.study_sweep import particle_plans
+from granpipe.sweep import Folder
+from granpipe.tools import library_versions, program_versions
+
+Parts = dict[str, Part]
+"""Section, or the whole → part of an error."""
+
+_SETTING: dict[str, Callable[[Plan], float]] = {
+    # the setting of each axis that has a limit, in the power in which the error is expected to be linear
+    "coarse_grain_factor": lambda plan: plan.dem.classes.sauter_diameter,
+    "plate_speed": lambda plan: plan.dem.plate_speed,
+    "youngs_modulus": lambda plan: plan.dem.youngs_modulus ** (-2 / 3),  # Hertz: overlaps go with this power
+    "time_step": lambda plan: plan.dem.time_step,
+}
+
+
+@dataclass(frozen=True)
+class Point:
+    """A finished point of a study.
+
+    Parameters
+    ----------
+    name, axis, changes : of the ladder
+    plan : its plan
+    field : its best field: ψ fit, whole average
+    ran : its segments; None where the point is no DEM run of the whole vessel
+    seconds : wall time of its stages
+    cores : that they kept busy
+    forecast : of the wall time, by its plan, or None
+    """
+
+    name: str
+    axis: str
+    changes: Mapping[str, str]
+    plan: Plan
+    field: Field
+    ran: Ran | None
+    seconds: float
+    cores: int
+    forecast: float | None
+
+    @property
+    def diameter(self) -> float:
+        """Largest Sauter diameter of its particles [m]; 0 without any."""
+        return max((part.dem.classes.sauter_diameter for part in particle_plans(self.plan)), default=0.0)
+
+    @property
+    def setting(self) -> dict[str, float]:
+        """Axis → value of the setting that has a limit."""
+        return {axis: read(self.plan) for axis, read in _SETTING.items()} if self.plan.settings else {}
+
+
+@dataclass(frozen=True)
+class Lever:
+    """What one point of the ladder changes: error against the reference, and difference from the case as it stands.
+
+    Parameters
+    ----------
+    point, axis : its name and axis
+    seconds, cores, forecast : time taken, and the wall time that its plan foretold
+    statistical : of the whole average
+    systematic : difference from the reference without noise
+    from_base : difference from the case itself without noise
+    parts : axis → the part of the error that comes from its setting, against the axis's limit
+    predicted : difference from the reference that these parts together let expect; None where there are none
+    measures : name → difference from the reference
+    """
+
+    point: str
+    axis: str
+    seconds: float
+    cores: int
+    forecast: float | None
+    statistical: Mapping[str, float]
+    systematic: Parts
+    from_base: Parts
+    parts: Mapping[str, Parts]
+    predicted: Parts | None
+    measures: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """How the field changes along an axis: of which order in its setting, and how well that describes the points."""
+
+    axis: str
+    points: int
+    order: float
+    misfit: float | None
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that a study found."""
+
+    reference: str
+    options: tuple[Option, ...]
+    levers: tuple[Lever, ...]
+    ladders: tuple[Ladder, ...]
+    spread: Mapping[str, float]
+    rate: float | None
+
+
+def load_points(folder: Folder, progress: Progress) -> list[Point]:
+    """Every finished point, with its segments; nothing is run."""
+    store = Store(folder.root.parent / ".store")
+    notes = read_json(folder.root / "ladder.json")
+    tools = library_versions()
+    done = [name for name in folder.variants if folder.is_done(name)]
+    found = []
+    for number, name in enumerate(done):
+        progress.update(number / len(done), name)
+        forecast = notes["forecast_seconds"].get(name)
+        found.append(_point(folder, name, notes["axes"].get(name, ""), forecast, store, tools))
+    return found
+
+
+def _point(
+    folder: Folder, name: str, axis: str, forecast: float | None, store: Store, tools: Mapping[str, str]
+) -> Point:
+    file = folder.file(name, ranks="1")
+    plan, results = plan_case(file), folder.points / name
+    field = Field.load(results / "field.npz")
+    seconds, cores, ran = float(read_json(results / "provenance.json")["wall_seconds"]), 1, None
+    runs = [_ran(part, store, tools) for part in particle_plans(plan)]
+    if runs:
+        seconds = max(seconds, sum(one.seconds(np.inf) for one in runs))
+        cores = max(one.cores for one in runs)
+        ran = runs[0] if plan.settings is not None else None
+    changes = folder.variants[name].changes
+    return Point(name, axis, changes, plan, field, ran, ran.seconds(np.inf) if ran else seconds, cores, forecast)
+
+
+def _ran(plan: Plan, store: Store, tools: Mapping[str, str]) -> Ran:
+    """What the store has of a DEM run that is done."""
+    programs = program_versions(store.root / "programs.json")
+    return Ran(plan, simulate(plan, store, {**tools, **programs}, Silent(), lambda _: _nothing()))
+
+
+def _nothing() -> Any:
+    raise DataError("a point of the study is not in the store any more; run the study again")
+
+
+class Study:
+    """Points that are done, compared."""
+
+    def __init__(self, case: Case, points: Sequence[Point]) -> None:
+        self.case, self.points = case, points
+        self.levels = case.outline.levels
+        particles = [point for point in points if point.ran and point.field.flux_z_se is not None]
+        if not particles:
+            raise DataError("no point of the study has an error bar: average longer (dem.max_time)")
+        self.reference = min(particles, key=_goodness)
+        self.base = points[0]
+
+    def findings(self, progress: Progress) -> Findings:
+        """Everything, computed."""
+        scene = Scene(self.case)
+        best = scene.measures(self.reference.field)
+        levers, options = [], list[Option]()
+        for number, point in enumerate(self.points):
+            progress.update(number / len(self.points), point.name)
+            measures = dict(scene.measures(point.field).against(best)) if point is not self.reference else {}
+            levers.append(self.lever(point, measures))
+            options += self._options(point)
+        rates = [p.plan.particle_steps / p.seconds for p in self.points if p.ran and p.cores == 1]
+        return Findings(
+            reference=self.reference.name,
+            options=tuple(options),
+            levers=tuple(levers),
+            ladders=tuple(trend.ladder for trend in self.trends.values()),
+            spread=self._spread(scene),
+            rate=float(np.median(rates)) if rates else None,
+        )
+
+    def lever(self, point: Point, measures: Mapping[str, float]) -> Lever:
+        """What one point changes, and what its error is made of."""
+        return Lever(
+            point=point.name,
+            axis=point.axis,
+            seconds=point.seconds,
+            cores=point.cores,
+            forecast=point.forecast,
+            statistical=self._statistical(point),
+            systematic=self._apart(self.reference, point.field, point),
+            from_base=self._apart(self.base, point.field, point),
+            parts={axis: self._part(trend, point) for axis, trend in self.trends.items() if point.setting},
+            predicted=self._predicted(point) if point.setting and self.trends else None,
+            measures=measures,
+        )
+
+    @property
+    def _sections(self) -> list[str]:
+        return ["whole", *self.levels]
+
+    def _statistical(self, point: Point) -> dict[str, float]:
+        """Of the point's field; none where nothing is noisy."""
+        if point.field.flux_r_se is None:
+            return dict.fromkeys(self._sections, 0.0)
+        return statistical_errors(point.field, self.levels)
+
+    def _apart(self, one: Point, field: Field, other: Point) -> Parts:
+        """Difference of a field of a point from the best field of another, noise taken off; none from itself."""
+        if one is other:
+            return dict.fromkeys(self._sections, Part(0.0, 0.0))
+        found = compare(one.field, field, self.levels, max(one.diameter, other.diameter))
+        return {difference.name: _part(difference) for difference in found}
+
+    def _options(self, point: Point) -> Iterator[Option]:
+        if point.ran is None:
+            yield Option(
+                point=point.name,
+                method=point.plan.model,
+                travel=0.0,
+                seconds=point.seconds,
+                cores=point.cores,
+                statistical=self._statistical(point),
+                blocks=np.inf,
+                systematic=self._apart(self.reference, point.field, point),
+                changes=dict(point.changes),
+            )
+            return
+        for method in methods_of(point.ran) if point is self.base else [PSI]:
+            if method == PSI or point is not self.reference:
+                yield from self._lengths(point, point.ran, method)
+
+    def _lengths(self, point: Point, ran: Ran, method: Method) -> Iterator[Option]:
+        """A method on averages of every length; those that are too short for it are left out."""
+        systematic: Parts | None = None
+        for end in ran.ends:
+            try:
+                average = field_of(ran.plan, ran.until(end), method)
+            except DataError:
+                continue
+            if systematic is None:
+                systematic = self._apart(self.reference, average.field, point)
+            yield Option(
+                point=point.name,
+                method=str(method),
+                travel=self._travel(ran, end),
+                seconds=ran.seconds(end),
+                cores=ran.cores,
+                statistical=average.errors(self.case),
+                blocks=average.blocks,
+                systematic=systematic,
+                changes=dict(point.changes) | {"dem.max_time": f"{end:.4g}"} | method.changes(ran.plan.grid.cell),
+            )
+
+    def _travel(self, ran: Ran, end: float) -> float:
+        averaged = sum(sums.duration for sums in ran.until(end))
+        outline, speed = ran.plan.outline, ran.plan.dem.inlet_speed  # at the outlet by continuity, open or not
+        return averaged * speed * outline.inlet_radius**2 / (2 * outline.outlet_radius**3)
+
+    def _spread(self, scene: Scene) -> dict[str, float]:
+        """How far the measures of the reference's halves lie apart: what differences of them are worth."""
+        ran = self.reference.ran
+        assert ran is not None
+        parts = ran.until(np.inf)
+        half = len(parts) // 2
+        if ran.plan.case.dem.replicas > 1 or half < LEAST_BLOCKS:
+            return {}
+        first, second = (scene.measures(field_of(ran.plan, some).field) for some in (parts[:half], parts[half:]))
+        return dict(first.against(second))
+
+    @cached_property
+    def trends(self) -> dict[str, Trend]:
+        """Axis → how the field changes along it, where two points or more tell."""
+        found = {}
+        for axis in _SETTING:
+            along = [point for point in self.points if point.axis in ("", axis) and point.setting]
+            if len({point.setting[axis] for point in along}) > 1:
+                found[axis] = Trend.of(axis, along, self._limit(axis))
+        return found
+
+    def _limit(self, axis: str) -> float:
+        """The material's own size; no speed, no softness, no step."""
+        if axis != "coarse_grain_factor":
+            return 0.0
+        return self.base.diameter / self.case.dem.coarse_grain_factor
+
+    def _part(self, trend: Trend, point: Point) -> Parts:
+        change = trend.change(point.setting[trend.ladder.axis], trend.limit)
+        return self._norms(*change, trend.weight, point)
+
+    def _predicted(self, point: Point) -> Parts:
+        """The changes along all axes from the reference's settings to the point's, added."""
+        changes = [
+            trend.change(point.setting[axis], self.reference.setting[axis]) for axis, trend in self.trends.items()
+        ]
+        velocity, variance = (np.sum(terms, axis=0) for terms in zip(*changes, strict=True))
+        weight = np.min([trend.weight for trend in self.trends.values()], axis=0)
+        return self._norms(velocity, variance, weight, point)
+
+    def _norms(self, velocity: Array, variance: Array, weight: Array, point: Point) -> Parts:
+        best = self.reference.field
+        cells = Cells(weight, (middles(best) ** 2).sum(axis=0), (velocity**2).sum(axis=0), variance)
+        shared = max(1.0, (max(point.diameter, self.reference.diameter) / best.grid.cell) ** 2)
+        rows = section_rows(best.grid, self.levels)
+        return {name: _part(cells.compare(name, at, shared)) for name, at in rows.items()}
+
+
+@dataclass(frozen=True)
+class Trend:
+    """How the bulk velocity changes along an axis."""
+
+    ladder: Ladder
+    slope: Slope
+    unit: float
+    limit: float
+    weight: Array
+
+    @classmethod
+    def of(cls, axis: str, points: Sequence[Point], limit: float) -> Trend:
+        """From the points along the axis."""
+        unit = max(point.setting[axis] for point in points)
+        bulk = np.all([point.field.bulk for point in points], axis=0)
+        weight = np.where(bulk, points[0].field.grid.ring_area, 0.0)
+        slope = fit_slope(
+            [point.setting[axis] / unit for point in points],
+            np.array([middles(point.field) for point in points]),
+            np.array([error_squares(point.field) for point in points]),
+            weight,
+        )
+        misfit = slope.misfit if len(points) > 2 else None
+        return cls(Ladder(axis, len(points), slope.order, misfit), slope, unit, limit, weight)
+
+    def change(self, setting: float, other: float) -> tuple[Array, Array]:
+        """Change of velocity (2, nz, nr) between two settings, and its variance (nz, nr)."""
+        return self.slope.between(setting / self.unit, other / self.unit)
+
+
+def middles(field: Field) -> Array:
+    """(2, nz, nr) bulk velocity in the middle of each cell, at the flow rate of the case [m/s]."""
+    r, z = 0.5 * (field.flux_r[:, 1:] + field.flux_r[:, :-1]), 0.5 * (field.flux_z[1:] + field.flux_z[:-1])
+    return np.array([r, z]) * field.velocity_scale
+
+
+def _goodness(point: Point) -> tuple[float, float, float]:
+    """Finest particles first, then the slowest plate, then the longest average."""
+    assert point.ran is not None
+    averaged = sum(sums.duration for sums in point.ran.parts)
+    return point.diameter, point.plan.dem.plate_speed, -averaged
+
+
+def _part(difference: Difference) -> Part:
+    return Part(difference.noise_free, difference.upper)

@@ -1,0 +1,49 @@
+"""`granpipe study`: the points of a study run by the sweep's own machinery, then compared and reported."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from granpipe.case import load_case
+from granpipe.errors import RunError
+from granpipe.plan import Plan
+from granpipe.progress import Progress
+from granpipe.study_fluid import fluid_ladder
+from granpipe.study_report import write_study
+from granpipe.study_results import Study as Comparison
+from granpipe.study_results import load_points
+from granpipe.study_sweep import Study
+from granpipe.sweep import Folder, Point, prepare
+from granpipe.sweep_status import Standing, standings
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A study written down: its folder, and the points that are still to be run."""
+
+    folder: Folder
+    points: list[Point]
+
+
+def prepare_study(study: Study, results: Path) -> Prepared:
+    """Write down what is to be run."""
+    return Prepared(*prepare(study.sweep(results / study.name), results))
+
+
+def report_study(folder: Folder, other: Plan | None, progress: Progress) -> tuple[list[Path], list[Standing]]:
+    """Compare what is done and write the report; returns its files and the points that are not done.
+
+    RunError where the case itself is not done: there is nothing to compare then.
+    """
+    missing = [one for one in standings(folder) if one.word != "done"]
+    if any(one.name == next(iter(folder.variants)) for one in missing):
+        raise RunError(f"the case itself is not done: {missing[0].text or missing[0].word}")
+    case = load_case(folder.case)
+    progress.stage("comparison")
+    points = load_points(folder, progress)
+    found = Comparison(case, points).findings(progress)
+    progress.stage("finite elements")
+    solves = fluid_ladder(case, points[0].plan.grid)
+    progress.stage("report")
+    return write_study(folder, case, found, solves, other), missing

@@ -1,0 +1,148 @@
+"""A study is a sweep whose points are made here: the case, and a ladder of cheaper and dearer variants of it.
+
+All points have one grid, as fine as the smallest particles need it: deposits are exact on any cell, so that fields of
+different particles are compared face by face, without interpolation that would blur noise and difference alike.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from granpipe.case import Case, resolve
+from granpipe.errors import CaseError
+from granpipe.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, variants
+from granpipe.study.ladder import Basis, Rung, affordable, check_axes, ladder
+from granpipe.study.variants import MAX_NAME, Variant
+from granpipe.sweepfile import Sweep
+from granpipe.yamlfile import Places
+
+COARSEST = 4
+"""Rows are a multiple of this, so that cells can be joined to twice and four times their size."""
+
+_ENDING = "-study"
+_PLAIN = {
+    "homogenize.method": "psi",
+    "homogenize.fields": "[]",
+    "export": "[]",
+    "figures": "[]",
+    "dem.replicas": "1",
+    "dem.keep_snapshots": "none",
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is to be run.
+
+    Parameters
+    ----------
+    case : the case with everything settled that the ladder varies
+    rungs : the points, the case itself first
+    dropped : points that the budget does not allow
+    forecast : point → wall time on one core [s], by its plan
+    """
+
+    case: Case
+    rungs: tuple[Rung, ...]
+    dropped: tuple[Rung, ...]
+    forecast: dict[str, float]
+
+    @property
+    def name(self) -> str:
+        """Of the study's folder."""
+        return self.case.name[: MAX_NAME - len(_ENDING)] + _ENDING
+
+    def sweep(self, folder: Path) -> Sweep:
+        """The study as a sweep; writes its case and its axes into a folder."""
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / "base.yaml"
+        path.write_text(self.case.to_yaml(), encoding="utf-8")
+        ladder = {"axes": {rung.variant.name: rung.axis for rung in self.rungs}, "forecast_seconds": self.forecast}
+        (folder / "ladder.json").write_text(json.dumps(ladder, indent=1))
+        points = tuple(rung.variant for rung in self.rungs)
+        return Sweep(self.name, path, points, (), (), ("csv",), Places(path.name))
+
+
+def make_study(case: Case, hours: float, cores: int, axes: Sequence[str] = ()) -> Study:
+    """The ladder of a case that some hours on some cores allow; CaseError where not even the case itself is possible.
+
+    Parameters
+    ----------
+    axes : those to go along, all unless some are named
+    """
+    plans = variants(case)
+    basis = _basis(case, plans)
+    settled = _settled(case, basis)
+
+    def fits(variant: Variant) -> bool:
+        return _plan(settled, variant) is not None
+
+    rungs = check_axes(ladder(settled, basis, fits), axes)
+    forecast = {rung.variant.name: _needed(settled, rung).seconds for rung in rungs}
+    kept, dropped = affordable(rungs, lambda rung: forecast[rung.variant.name], hours * 3600 * cores)
+    cell = _common_cell([_needed(settled, rung) for rung in kept])
+    settled = settled.varied({"homogenize.cell": repr(cell)})
+    return Study(settled, tuple(kept), tuple(dropped), forecast)
+
+
+def _basis(case: Case, plans: Mapping[Model, Plan | CaseError]) -> Basis:
+    possible = tuple(name for name, plan in plans.items() if isinstance(plan, Plan))
+    chosen = make_plan(case)
+    particles = plans["dem"]
+    if not isinstance(particles, Plan):
+        return Basis(0.0, 0.0, 0.0, 0.0, chosen.model, possible)
+    dem = particles.dem
+    return Basis(
+        youngs_modulus=dem.youngs_modulus,
+        time_step=dem.time_step,
+        plate_speed=dem.plate_speed,
+        reservoir_height=0.5 * (dem.feed_bottom + dem.feed_top) - particles.outline.z_top,
+        model=chosen.model,
+        models=possible,
+    )
+
+
+def _settled(case: Case, basis: Basis) -> Case:
+    """The case with what would follow from other settings given as numbers, so that each can be varied alone."""
+    given = case.model_dump(mode="json", exclude_unset=True)
+    given.get("dem", {}).pop("statistical_error", None)  # runs of full length tell of all shorter ones
+    changes = _PLAIN | {"model": basis.model}
+    if basis.youngs_modulus:
+        changes |= {
+            "contact.youngs_modulus": repr(basis.youngs_modulus),
+            "dem.reservoir_height": repr(basis.reservoir_height),
+        }
+    if basis.plate_speed:
+        changes["dem.plate_speed"] = repr(basis.plate_speed)
+    return resolve(given, Places(case.name), changes).case
+
+
+def _plan(case: Case, variant: Variant) -> Plan | None:
+    """Its plan on one rank; None where the scene does not allow it."""
+    try:
+        return make_plan(case.varied(variant.changes | {"dem.ranks": "1"}))
+    except CaseError:
+        return None
+
+
+def _needed(case: Case, rung: Rung) -> Plan:
+    plan = _plan(case, rung.variant)
+    assert plan is not None  # it has been tried
+    return plan
+
+
+def _common_cell(plans: Sequence[Plan]) -> float:
+    """The finest of the cells that the points would have of their own, so that rows are a multiple of `COARSEST`."""
+    diameters = [part.dem.classes.sauter_diameter for plan in plans for part in particle_plans(plan)]
+    height = plans[0].outline.z_top - plans[0].outline.z_bottom
+    size = min(diameters) / CELLS_PER_DIAMETER if diameters else plans[0].grid.cell
+    return height / (COARSEST * math.ceil(height / (COARSEST * size)))
+
+
+def particle_plans(plan: Plan) -> list[Plan]:
+    """The DEM runs of a plan: its own, those of its sub-models, or none."""
+    return [plan] if plan.settings is not None else [part for _, part in plan.parts]

@@ -1,0 +1,55 @@
+"""A study of a real scene: points run, compared, reported; afterwards there is nothing left to run."""
+
+from __future__ import annotations
+
+import csv
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from granpipe.case import load_case
+from granpipe.cores import usable_cores
+from granpipe.study_report import read_options
+from granpipe.study_run import prepare_study
+from granpipe.study_sweep import make_study
+
+SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
+ARGUMENTS = [
+    "study", str(SMOKE), "--axis", "plate_speed", "--hours", "0.003",
+    "--set", "dem.max_time=2 s", "--set", "homogenize.start=0.4 s",
+]  # fmt: skip
+
+
+def granpipe(folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "granpipe", *ARGUMENTS]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
+
+
+@pytest.mark.liggghts
+def test_a_study_runs_its_points_and_tells_error_against_time(tmp_path: Path) -> None:
+    first = granpipe(tmp_path)
+    assert first.returncode == 0, first.stderr
+    folder = tmp_path / "results" / "smoke-study"
+    options = read_options(folder)
+    points = {option.point for option in options}
+    assert {"base", "plate_speed-0_052"} <= points
+    for option in options:
+        assert option.seconds > 0
+        assert 0 < option.statistical["whole"] < 1
+        assert option.error().value <= option.error().upper
+    whole = max((o for o in options if o.point == "base" and o.method == "psi"), key=lambda o: o.travel)
+    assert whole.travel == pytest.approx(1.6 * 0.026 / 0.15, rel=0.15)  # averaging time × plate speed over the outlet
+    with (folder / "points.csv").open(newline="") as file:
+        assert {row["point"] for row in csv.DictReader(file)} == points
+    page = (folder / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 3
+    assert not re.search(r"(src|href)=\"(?!data:)", page)
+    assert "Recommended settings" in page
+
+    case = load_case(SMOKE, dict(text.split("=") for text in ARGUMENTS if "=" in text))
+    again = prepare_study(make_study(case, 0.003, usable_cores(), ["plate_speed"]), tmp_path / "results")
+    assert again.folder.root == folder
+    assert not again.points

@@ -1,0 +1,82 @@
+"""Total errors, the front of options worth their time, and advice."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from granpipe.study.budget import Option, Part, advise, pareto, sure_factor
+
+
+def option(point: str, seconds: float, noise: float, rest: float, upper: float | None = None, cores: int = 1) -> Option:
+    part = Part(rest, rest if upper is None else upper)
+    return Option(point, "psi", 1.0, seconds, cores, {"whole": noise}, math.inf, {"whole": part})
+
+
+def names(options) -> list[str]:
+    return [one.point for one in options]
+
+
+def test_independent_parts_add_as_squares() -> None:
+    error = option("a", 1, 0.03, 0.04, 0.05).error()
+    assert error.value == pytest.approx(0.05)
+    assert error.upper == pytest.approx(math.hypot(0.03, 0.05))
+
+
+def test_few_blocks_make_the_bound_wider() -> None:
+    few = Option("a", "psi", 1.0, 1.0, 1, {"whole": 0.03}, 8.0, {"whole": Part(0.0, 0.0)})
+    assert few.error().value == pytest.approx(0.03)
+    assert few.error().upper > 1.5 * 0.03
+
+
+@pytest.mark.parametrize("blocks", [7, 20, 60])
+def test_the_factor_covers_the_true_spread_in_19_of_20(blocks: int) -> None:
+    rng = np.random.default_rng(blocks)
+    estimates = rng.standard_normal((20_000, blocks)).std(axis=1, ddof=1)
+    assert np.mean(sure_factor(blocks) * estimates > 1) == pytest.approx(0.95, abs=0.01)
+
+
+def test_the_front_holds_what_nothing_beats_in_time_and_bound() -> None:
+    cheap, good, worse, best = (
+        option("cheap", 1, 0.2, 0.0),
+        option("good", 10, 0.05, 0.0),
+        option("worse", 20, 0.06, 0.0),
+        option("best", 100, 0.01, 0.0),
+    )
+    assert names(pareto([best, worse, cheap, good])) == ["cheap", "good", "best"]
+
+
+def test_the_front_goes_by_the_bound_not_by_a_lucky_estimate() -> None:
+    lucky, sure = option("lucky", 1, 0.01, 0.0, 0.3), option("sure", 2, 0.05, 0.0, 0.0)
+    assert names(pareto([lucky, sure])) == ["lucky", "sure"]
+
+
+def test_cores_count() -> None:
+    one, two = option("one", 10, 0.1, 0.0), option("two", 6, 0.1, 0.0, cores=2)
+    assert names(pareto([one, two])) == ["one"]
+
+
+def test_the_cheapest_that_is_proven_is_advised() -> None:
+    options = [option("bad", 1, 0.3, 0.0), option("unproven", 2, 0.01, 0.0, 0.2), option("good", 5, 0.03, 0.02)]
+    advice = advise(options, 0.05)
+    assert advice.option is options[2]
+    assert advice.proven
+
+
+def test_without_proof_the_estimate_decides_and_the_advice_says_so() -> None:
+    options = [option("bad", 1, 0.3, 0.0), option("unproven", 2, 0.01, 0.0, 0.2)]
+    advice = advise(options, 0.05)
+    assert advice.option is options[1]
+    assert not advice.proven
+
+
+def test_nothing_is_advised_where_nothing_is_good_enough() -> None:
+    assert advise([option("bad", 1, 0.3, 0.0)], 0.05).option is None
+
+
+def test_a_part_below_its_own_uncertainty_is_unresolved() -> None:
+    assert Part(0.05, 0.06).resolved
+    assert not Part(0.02, 0.06).resolved
+    assert "below 6.0%" in str(Part(0.02, 0.06))

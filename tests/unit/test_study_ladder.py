@@ -1,0 +1,119 @@
+"""The ladder of a study: axes, equal travel, what the scene and the budget allow."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from granpipe.case import load_case
+from granpipe.errors import CaseError
+from granpipe.plan import make_plan
+from granpipe.study.ladder import BASE, BEST, Basis, Rung, affordable, check_axes, ladder
+from granpipe.study.variants import Variant
+from granpipe.study_sweep import COARSEST, make_study, particle_plans
+
+CASES = Path(__file__).parents[2] / "cases"
+SMALL = {"material.size": "{diameter: 1.6 cm}", "dem.coarse_grain_factor": "1.25"}
+BASIS = Basis(1e6, 1e-4, 0.02, 0.1, "dem", ("dem",))
+
+
+@pytest.fixture(scope="module")
+def case():
+    return load_case(CASES / "smoke.yaml", SMALL)
+
+
+def every(variant: Variant) -> bool:
+    return True
+
+
+def along(rungs, axis: str) -> list[dict[str, str]]:
+    return [rung.variant.changes for rung in rungs if rung.axis == axis]
+
+
+def test_the_case_itself_comes_first(case) -> None:
+    rungs = ladder(case, BASIS, every)
+    assert rungs[0] == Rung("", Variant(BASE, {}))
+    assert len({rung.variant.name for rung in rungs}) == len(rungs)
+
+
+def test_particles_are_never_smaller_than_the_material(case) -> None:
+    factors = {
+        float(changes["dem.coarse_grain_factor"])
+        for changes in along(ladder(case, BASIS, every), "coarse_grain_factor")
+    }
+    assert min(factors) == 1
+    assert max(factors) == pytest.approx(1.875)
+
+
+def test_another_plate_speed_means_equal_travel(case) -> None:
+    for changes in along(ladder(case, BASIS, every), "plate_speed"):
+        speed, time, start = (
+            float(changes[f"{key}"]) for key in ("dem.plate_speed", "dem.max_time", "homogenize.start")
+        )
+        assert speed * time == pytest.approx(0.02 * case.dem.max_time)
+        assert speed * start == pytest.approx(0.02 * float(case.homogenize.start))
+
+
+def test_replicas_share_the_averaging_time(case) -> None:
+    (changes,) = along(ladder(case, BASIS, every), "replicas")
+    start = float(case.homogenize.start)
+    assert 2 * (float(changes["dem.max_time"]) - start) == pytest.approx(case.dem.max_time - start)
+
+
+def test_the_best_point_is_finest_and_slowest(case) -> None:
+    (changes,) = along(ladder(case, BASIS, every), BEST)
+    assert float(changes["dem.coarse_grain_factor"]) == 1
+    assert float(changes["dem.plate_speed"]) == 0.01
+
+
+def test_what_does_not_fit_the_scene_is_left_out(case) -> None:
+    fits = lambda variant: "dem.coarse_grain_factor" not in variant.changes  # noqa: E731
+    rungs = ladder(case, BASIS, fits)
+    assert not along(rungs, "coarse_grain_factor")
+    assert not along(rungs, BEST)
+
+
+def test_an_open_outlet_has_no_plate_to_vary(case) -> None:
+    assert not along(ladder(case, Basis(1e6, 1e-4, 0.0, 0.1, "dem", ("dem",)), every), "plate_speed")
+
+
+def test_a_fluid_varies_in_its_model_only(case) -> None:
+    rungs = ladder(case, Basis(0, 0, 0, 0, "fluid", ("fluid", "hybrid")), every)
+    assert [rung.axis for rung in rungs] == ["", "model"]
+
+
+def test_the_dearest_are_dropped_but_never_the_case() -> None:
+    rungs = [Rung("", Variant(BASE, {})), *(Rung("x", Variant(name, {})) for name in ("a", "b", "c"))]
+    costs = {BASE: 50.0, "a": 5.0, "b": 20.0, "c": 10.0}
+    kept, dropped = affordable(rungs, lambda rung: costs[rung.variant.name], 66.0)
+    assert [rung.variant.name for rung in kept] == [BASE, "a", "c"]
+    assert [rung.variant.name for rung in dropped] == ["b"]
+    kept, _ = affordable(rungs, lambda rung: costs[rung.variant.name], 1.0)
+    assert [rung.variant.name for rung in kept] == [BASE]
+
+
+def test_an_unknown_axis_is_refused_and_the_known_ones_told() -> None:
+    with pytest.raises(CaseError, match="there are x"):
+        check_axes([Rung("", Variant(BASE, {})), Rung("x", Variant("a", {}))], ["y"])
+
+
+def test_all_points_have_one_grid_as_fine_as_the_smallest_particles_need(case) -> None:
+    study = make_study(case, 10, 2, ["coarse_grain_factor", "plate_speed"])
+    plans = [make_plan(study.case.varied(rung.variant.changes | {"dem.ranks": "1"})) for rung in study.rungs]
+    assert len({plan.grid.cell for plan in plans}) == 1
+    finest = min(part.dem.classes.sauter_diameter for plan in plans for part in particle_plans(plan))
+    assert plans[0].grid.cell <= finest / 4
+    assert plans[0].grid.shape[0] % COARSEST == 0
+
+
+def test_a_target_does_not_end_the_points_early(case) -> None:
+    targeted = load_case(CASES / "smoke.yaml", SMALL | {"dem.statistical_error": "20 %"})
+    study = make_study(targeted, 10, 2)
+    assert study.case.dem.statistical_error is None
+
+
+def test_a_small_budget_leaves_the_case_and_says_what_was_dropped(case) -> None:
+    study = make_study(case, 1e-6, 1)
+    assert [rung.variant.name for rung in study.rungs] == [BASE]
+    assert study.dropped

@@ -1,0 +1,146 @@
+"""The error budget on synthetic points: fields of known dependence on particle size and plate speed, under noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granpipe.case import load_case
+from granpipe.errors import DataError
+from granpipe.field import Field, flux_from_psi
+from granpipe.plan import make_plan
+from granpipe.study.ladder import BASE
+from granpipe.study_results import Point, Study
+
+CASES = Path(__file__).parents[2] / "cases"
+CASE = load_case(
+    CASES / "smoke.yaml",
+    {
+        "material.size": "{diameter: 1 cm}",
+        "dem.coarse_grain_factor": "1.5",
+        "dem.plate_speed": "0.02",
+        "homogenize.cell": "2.5 mm",
+        "dem.ranks": "1",
+    },
+)
+OWN = 0.01  # m, the material's own diameter
+PER_DIAMETER, PER_SPEED = 6.0, 2.0
+"""Relative change of the flow's profile with the diameter beyond the material's own [1/m] and the speed [s/m]."""
+
+
+@dataclass
+class Segment:
+    duration: float
+
+
+@dataclass
+class FakeRun:
+    """Segments that only tell how long they are."""
+
+    parts: list
+
+
+def shapes(grid):
+    """Two fluxes: a plug, and one that carries nothing in sum but has a profile."""
+    t = (grid.r_edges / grid.r_edges[-1]) ** 2
+    rows = len(grid.z_edges)
+    plug, bump = np.tile(-t, (rows, 1)), np.tile(-(t * (1 - t)), (rows, 1))
+    return flux_from_psi(plug, grid), flux_from_psi(bump, grid)
+
+
+def point(name: str, axis: str, changes: dict[str, str], sigma: float, seed: int) -> Point:
+    """Profile strength: as the diameter and the speed have it."""
+    plan = make_plan(CASE.varied(changes))
+    grid, rng = plan.grid, np.random.default_rng(seed)
+    (plug_r, plug_z), (bump_r, bump_z) = shapes(grid)
+    diameter, speed = plan.dem.classes.sauter_diameter, plan.dem.plate_speed
+    strength = PER_DIAMETER * (diameter - OWN) + PER_SPEED * speed
+    scale = np.abs(plug_z).mean()
+    flux_z = plug_z + strength * bump_z + sigma * scale * rng.standard_normal(plug_z.shape)
+    error_z = np.full_like(flux_z, sigma * scale / np.sqrt(2))  # two faces make the middle of a cell
+    ones = np.ones(grid.shape)
+    field = Field(
+        grid, ones, ones > 0, plug_r + strength * bump_r, flux_z, 1.0, 1.0, 1.0,
+        flux_r_se=np.zeros_like(plug_r), flux_z_se=error_z,
+    )  # fmt: skip
+    ran = FakeRun([Segment(1.0)])
+    return Point(name, axis, changes, plan, field, ran, 10.0, 1, 10.0)  # type: ignore[arg-type]
+
+
+def study(sigma: float) -> Study:
+    points = [
+        point(BASE, "", {}, sigma, 1),
+        point("coarse", "coarse_grain_factor", {"dem.coarse_grain_factor": "2"}, sigma, 2),
+        point("fine", "coarse_grain_factor", {"dem.coarse_grain_factor": "1.2"}, sigma, 3),
+        point("fast", "plate_speed", {"dem.plate_speed": "0.04", "dem.max_time": "4"}, sigma, 4),
+        point("slow", "plate_speed", {"dem.plate_speed": "0.01", "dem.max_time": "16"}, sigma, 5),
+    ]
+    return Study(CASE, points)
+
+
+def norm_of_profile(made: Study) -> float:
+    """E of the profile at unit strength against the reference, by the definition."""
+    grid = made.reference.field.grid
+    (_, _), (_, bump) = shapes(grid)
+    best = made.reference.field.flux_z
+    middle = lambda flux: 0.5 * (flux[1:] + flux[:-1])  # noqa: E731
+    return float(np.sqrt((grid.ring_area * middle(bump) ** 2).sum() / (grid.ring_area * middle(best) ** 2).sum()))
+
+
+def test_the_finest_is_the_reference() -> None:
+    assert study(0.0).reference.name == "fine"
+
+
+def test_parts_are_those_that_were_put_in() -> None:
+    made = study(0.002)
+    unit = norm_of_profile(made)
+    for number, (diameter, speed) in enumerate([(0.015, 0.02), (0.02, 0.02), (0.012, 0.02), (0.015, 0.04)]):
+        lever = made.lever(made.points[number], {})
+        size, plate = lever.parts["coarse_grain_factor"]["whole"], lever.parts["plate_speed"]["whole"]
+        assert size.value == pytest.approx(unit * PER_DIAMETER * (diameter - OWN), rel=0.1)
+        assert plate.value == pytest.approx(unit * PER_SPEED * speed, rel=0.1)
+        assert size.value <= size.upper
+
+
+def test_the_parts_together_foretell_the_measured_difference() -> None:
+    made = study(0.002)
+    unit = norm_of_profile(made)
+    for name, strength in (("fast", PER_DIAMETER * 0.003 + PER_SPEED * 0.02), ("coarse", PER_DIAMETER * 0.008)):
+        lever = made.lever(next(p for p in made.points if p.name == name), {})
+        assert lever.predicted is not None
+        assert lever.predicted["whole"].value == pytest.approx(unit * strength, rel=0.1)
+        assert lever.systematic["whole"].value == pytest.approx(unit * strength, rel=0.1)
+
+
+def test_sections_are_told_apart_from_the_whole() -> None:
+    made = study(0.002)
+    lever = made.lever(made.points[1], {})
+    assert list(lever.systematic) == ["whole", "shaft", "hopper", "throat", "chamber"]
+
+
+def test_what_noise_hides_is_unresolved_and_stays_below_its_bound() -> None:
+    made = study(0.3)
+    unit = norm_of_profile(made)
+    lever = made.lever(made.points[0], {})
+    part = lever.parts["plate_speed"]["whole"]
+    assert not part.resolved
+    assert part.upper > unit * PER_SPEED * 0.02
+
+
+def test_the_reference_has_no_difference_from_itself() -> None:
+    made = study(0.01)
+    lever = made.lever(made.reference, {})
+    assert lever.systematic["whole"].upper == 0
+
+
+def test_without_error_bars_there_is_nothing_to_compare() -> None:
+    bare = study(0.0).points[0]
+    field = Field(
+        bare.field.grid, bare.field.inside_fraction, bare.field.bulk, bare.field.flux_r, bare.field.flux_z, 1, 1, 1
+    )
+    alone = Point(BASE, "", {}, bare.plan, field, bare.ran, 1.0, 1, None)
+    with pytest.raises(DataError, match="average longer"):
+        Study(CASE, [alone])
