@@ -16,7 +16,7 @@ import socket
 import traceback
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -176,15 +176,16 @@ def replace_text(path: Path, text: str) -> None:
 
 def run_points(folder: Folder, names: Iterable[str], ranks: int, progress: Progress) -> None:
     """Run points one after the other in this process; what goes wrong is noted in the point's state, not raised."""
-    store = Store(folder.root.parent / ".store", waiting=progress.note)
     for name in names:
         if name not in folder.variants or folder.is_done(name):
             progress.note(f"{name}: done before, or no point of this sweep any more")
             continue
         progress.note(f"{name}: {folder.variants[name].changes}")
         recorder = Recorder(folder.state_file(name), folder.key(name))
+        both = Both(progress, recorder)
+        store = Store(folder.root.parent / ".store", waiting=partial(both.stage, "waiting"))
         try:
-            outcome = run_case(folder.file(name, ranks=str(ranks)), folder.points, Both(progress, recorder), store)
+            outcome = run_case(folder.file(name, ranks=str(ranks)), folder.points, both, store)
         except KeyboardInterrupt:
             recorder.failed("interrupted")
             raise

@@ -121,6 +121,10 @@ class Story:
         rows = (line.split(maxsplit=2) for line in lines)
         return {row[0]: (row[1], row[2] if len(row) > 2 else "") for row in rows}
 
+    def count(self, word: str) -> int:
+        """How many points stand so."""
+        return Counter(word for word, _ in self.status().values())[word]
+
     def state(self, point: str) -> dict[str, Any]:
         file = self.folder / "state" / f"{point}.json"
         return dict(json.loads(file.read_text())) if file.exists() else {}
@@ -189,7 +193,7 @@ def test_what_runs_on_a_lost_node_goes_back_into_the_queue(story: Story) -> None
     wait_for(lambda: not alive(story.state("lost")["pid"]), 30)
     story.interrupted["lost"] = story.segments("lost")
     assert story.status()["lost"][0] == "waiting"
-    story.cluster.run("scontrol", "update", f"NodeName={node}", "State=RESUME")
+    story.cluster.wait_until_up()
 
 
 def test_a_job_that_is_killed_is_shown_as_failed(story: Story) -> None:
@@ -206,14 +210,15 @@ def test_a_job_at_its_time_limit_goes_on_in_the_queue(story: Story) -> None:
     wait_for(lambda: "near its time limit, goes on in the queue" in story.log("long"), 240)
     story.interrupted["long"] = story.segments("long")
     assert story.interrupted["long"] > 0
-    wait_for(lambda: story.status()["long"][0] == "waiting", 30)
+    wait_for(lambda: story.status()["long"][0] in ("waiting", "running"), 30)
 
 
 def test_a_drained_node_takes_no_jobs_and_the_sweep_goes_on(story: Story) -> None:
     story.cluster.run("scontrol", "update", "NodeName=n2", "State=DRAIN", "Reason=upkeep")
+    wait_for(lambda: story.cluster.node_states()["n2"] == "drained", 240)  # what runs on it ends in peace
     story.start_requeued_jobs_now()
-    done = Counter(word for word, _ in story.status().values())["done"]
-    wait_for(lambda: Counter(word for word, _ in story.status().values())["done"] > done, 240)
+    done = story.count("done")
+    wait_for(lambda: story.count("done") > done, 240)
     assert {node for _, state, node in story.cluster.queue() if state == "RUNNING"} <= {"n1"}
     story.cluster.run("scontrol", "update", "NodeName=n2", "State=RESUME")
 
@@ -223,7 +228,7 @@ def test_a_second_call_submits_what_has_failed_and_nothing_else(story: Story) ->
     submitted = story.sweep()
     assert sum(map(int, re.findall(r"(\d+) points in", submitted))) == 2
     jobs = json.loads((story.folder / "slurm" / "jobs.json").read_text())["jobs"]
-    assert {point for job in jobs[-2:] for line in job["points"] for point in line} == {"killed", "wrong"}
+    assert {point for line in jobs[-1]["points"] for point in line} == {"killed", "wrong"}
 
 
 def test_the_sweep_ends_complete(story: Story) -> None:
@@ -280,7 +285,9 @@ def test_granpipe_itself_takes_less_than_two_seconds_for_a_point(story: Story) -
 
 
 def test_a_sweep_is_cancelled(story: Story) -> None:
-    story.sweep()
+    for node in ("n1", "n2"):
+        story.cluster.run("scontrol", "update", f"NodeName={node}", "State=DRAIN", "Reason=test")
+    assert "1 points in 1 elements" in story.sweep()
     assert "cancelled jobs" in story.granpipe("cancel", "columns.yaml").stdout
     wait_for(lambda: not story.cluster.queue(), 60)
     assert story.status()["wrong"][0] == "failed"

@@ -72,9 +72,15 @@ class TwoNodes:
         lines = self.run("squeue", "--array", "--noheader", "--format=%i|%T|%N").splitlines()
         return [(job, state, node) for job, state, node in (line.split("|") for line in lines)]
 
-    def wait_until_idle(self, seconds: float = 30) -> None:
-        """Wait until both nodes are up."""
-        wait_for(lambda: self.run("sinfo", "--noheader", "--Node", "--format=%t").split() == ["idle", "idle"], seconds)
+    def node_states(self) -> dict[str, str]:
+        """Node → idle, allocated, draining, drained, down, …"""
+        lines = self.run("sinfo", "--noheader", "--Node", "--format=%N %T").splitlines()
+        return {name: state.rstrip("*~#!%$@^-") for name, state in (line.split() for line in lines)}
+
+    def wait_until_up(self, seconds: float = 30) -> None:
+        """Wait until both nodes take jobs; one that was lost comes back by itself."""
+        up = {"idle", "allocated", "mixed", "completing"}
+        wait_for(lambda: set(self.node_states().values()) <= up, seconds)
 
     def start(self, node: str) -> None:
         """Start the daemon of a node."""
@@ -103,7 +109,7 @@ class TwoNodes:
         self._daemon("slurmctld", "-f", str(self.config))
         for node in ("n1", "n2"):
             self.start(node)
-        self.wait_until_idle()
+        self.wait_until_up()
 
     def _daemon(self, program: str, *arguments: str) -> None:
         path = shutil.which(program) or shutil.which(program, path="/usr/sbin:/sbin")

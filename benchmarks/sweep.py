@@ -1,0 +1,153 @@
+"""What sweeps cost beside the work itself: fluid-only points here, and as array jobs on a Slurm of two nodes.
+
+python benchmarks/sweep.py            # as root, with Debian's Slurm (see .ci/cluster); writes docs/benchmarks_sweep.md
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+from cluster.two_nodes import missing, two_nodes, wait_for  # noqa: E402
+
+SWEEP = """\
+name: many
+case: {case}
+set: {{figures: [], export: []}}
+axes: [{{outline.sections.b.wall_factor: {{first: 0.5, last: 0.9, number: {number}}}}}]
+chart: []
+"""
+PROFILE = "time: 30 min\n"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Wall time and processor time [s] of one command and all that it started."""
+
+    wall: float
+    cpu: float
+
+
+def granpipe(folder: Path, *arguments: str, environment: Mapping[str, str] = os.environ) -> Cost:
+    """Run granpipe and measure it."""
+    before, begun = os.times(), time.monotonic()
+    command = [sys.executable, "-m", "granpipe", *arguments]
+    subprocess.run(command, cwd=folder, env=dict(environment), check=True, capture_output=True)
+    wall, after = time.monotonic() - begun, os.times()
+    spent = after.children_user - before.children_user + after.children_system - before.children_system
+    return Cost(wall, spent)
+
+
+def prepared(folder: Path, number: int) -> Path:
+    """A folder with a sweep of `number` points."""
+    path = folder / str(number)
+    path.mkdir()
+    (path / "sweep.yaml").write_text(SWEEP.format(case=ROOT / "cases" / "hopper.yaml", number=number))
+    (path / "cluster.yaml").write_text(PROFILE)
+    return path
+
+
+def local_row(folder: Path, number: int) -> str:
+    path = prepared(folder, number)
+    first = granpipe(path, "sweep", "sweep.yaml")
+    status = granpipe(path, "status", "sweep.yaml")
+    second = granpipe(path, "sweep", "sweep.yaml")
+    return (
+        f"| {number} | {first.wall:.1f} | {first.cpu / number:.2f} | {status.wall:.2f} | {second.wall:.2f} | "
+        f"{files(path / 'results') / number:.1f} | {size(path / 'results') / number / 1e3:.0f} |"
+    )
+
+
+def slurm_row(folder: Path, number: int) -> str:
+    path = prepared(folder / "slurm", number)
+    with two_nodes(folder / f"two-nodes-{number}") as cluster:
+        begun = time.monotonic()
+        submit = granpipe(path, "sweep", "sweep.yaml", "--on", "slurm", environment=cluster.environment)
+        status = granpipe(path, "status", "sweep.yaml", environment=cluster.environment)
+        wait_for(lambda: not cluster.queue(), 3600, every=1.0)
+        wall = time.monotonic() - begun
+        text = (path / "results" / "many" / "slurm" / "jobs.json").read_text()
+    elements = sum(len(job["points"]) for job in json.loads(text)["jobs"])
+    log = "".join(file.read_text() for file in path.glob("results/many/slurm/*/reduce-*.txt"))
+    assert f"{number} points: {number} done" in log, log
+    return f"| {number} | {elements} | {submit.wall:.1f} | {status.wall:.2f} | {wall:.1f} |"
+
+
+def alone(folder: Path) -> Cost:
+    """One point as a run of its own, which starts Python anew: the mean of five."""
+    changes = ["--set", "figures=[]", "--set", "export=[]"]
+    case = str(ROOT / "cases" / "hopper.yaml")
+    costs = [granpipe(folder, "run", case, *changes, "--results", f"alone-{n}") for n in range(5)]
+    return Cost(sum(cost.wall for cost in costs) / 5, sum(cost.cpu for cost in costs) / 5)
+
+
+def files(folder: Path) -> int:
+    return sum(1 for path in folder.rglob("*") if path.is_file())
+
+
+def size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def processor() -> str:
+    found = re.search(r"model name\s*:\s*(.*)", Path("/proc/cpuinfo").read_text())
+    return found[1] if found else platform.processor()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--points", type=int, nargs="+", default=[100, 1000])
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks_sweep.md")
+    options = parser.parse_args()
+    folder = Path(tempfile.mkdtemp(prefix="sweep-"))
+    try:
+        (folder / "slurm").mkdir()
+        single = alone(folder)
+        local = [local_row(folder, number) for number in options.points]
+        slurm = [] if missing() else [slurm_row(folder, number) for number in options.points]
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    options.out.write_text(page(single, local, slurm))
+
+
+def page(single: Cost, local: list[str], slurm: list[str]) -> str:
+    return f"""\
+# What a sweep costs beside its work
+
+Made by `benchmarks/sweep.py` on {date.today()}: {os.cpu_count()} cores, {processor()}, shared with other work. Points
+of `cases/hopper.yaml` without pictures and export files, each with another wall factor. A run of its own takes
+{single.wall:.1f} s of wall time and {single.cpu:.2f} s of processor time, most of it for starting Python and importing
+what it needs; in a worker that takes up to 25 points that is shared.
+
+## On this machine
+
+Processor time, files and kB are those of one point.
+
+| points | wall time [s] | processor time [s] | `granpipe status` [s] | second call [s] | files | kB |
+|---|---|---|---|---|---|---|
+{chr(10).join(local)}
+
+## By array jobs, on a Slurm of two nodes of one core each on this machine
+
+| points | elements | submitting [s] | `granpipe status` [s] | until the table is there [s] |
+|---|---|---|---|---|
+{chr(10).join(slurm)}
+"""
+
+
+if __name__ == "__main__":
+    main()
