@@ -200,7 +200,7 @@ def compare(one: Path, other: Path, tolerance: str) -> None:
 def stability(results: Path, quick: bool, out: Path | None) -> None:
     """Run the stability suite: is what granpipe says of extreme settings true?
 
-    Rows that are done are not repeated; about half an hour of one core for all of them.
+    Rows that are done are not repeated: delete RESULTS/stability to begin anew. All take half an hour of one core.
     """
     from granpipe.cores import usable_cores
     from granpipe.stability import run_suite, write_page

@@ -1,12 +1,13 @@
 """Runs the stability suite: every row as a granpipe run of its own, and the truth test beside it.
 
-A row that is done is not repeated: its folder holds ``verdict.json`` and ``truth.json``, each written when it is known.
+A row that is done is not repeated: its folder holds ``rest.json`` and ``verdict.json``, each written when it is known.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import shutil
 import subprocess
 import sys
 import time
@@ -106,10 +107,10 @@ def _scene_file(row: Row) -> Path:
 
 def changes_of(row: Row, case: Case) -> dict[str, str]:
     """All keys that a row changes, its multiples worked out."""
-    if not row.multiples and not row.group.startswith("similar"):
+    if not row.multiples and not row.similar:
         return dict(row.changes)
     settings = make_plan(case.varied(row.changes)).dem
-    if row.group.startswith("similar"):
+    if row.similar:
         return similar(case, settings, *row.scale)
     measures = {
         "dem.time_step": settings.rayleigh_time,
@@ -127,9 +128,8 @@ def _weight(case: Case, settings: Settings) -> float:
 
 def similar(case: Case, settings: Settings, length: float, density: float) -> dict[str, str]:
     """The changes that scale a case, so that all its dimensionless groups stay; gravity is what it is."""
-    time_scale, dem = math.sqrt(length), case.dem
+    time_scale = math.sqrt(length)
     assert case.flow_rate.mass is not None
-    assert not isinstance(dem.reservoir_height, str) or dem.reservoir_height == "auto"
     diameter = settings.classes.mean_diameter * length
     return {
         "outline.wall": json.dumps([[r * length, z * length] for r, z in case.outline.wall]),
@@ -174,6 +174,7 @@ def _verdict(row: Row, changes: Mapping[str, str], plan: Plan | None, own: Path)
         "flow": asdict(Truth() if plan is None else _flow(plan, own)),
     }
     _write(own / "verdict.json", found)
+    shutil.rmtree(own / "results" / ".store", ignore_errors=True)
 
 
 def _told(status: int, text: str) -> tuple[Verdict, str]:
@@ -256,7 +257,7 @@ def write_page(judged: Sequence[Judged], folder: Path, page_folder: Path) -> Pat
 
 def similar_fields(judged: Sequence[Judged], folder: Path) -> list[Similar]:
     """The fields of similar scenes against that of their model, in the model's units."""
-    rows = [one.row for one in judged if one.row.group.startswith("similar") and one.verdict in ("done", "flagged")]
+    rows = [one.row for one in judged if one.row.similar and one.verdict in ("done", "flagged")]
     fields = {row.scale: _in_units_of_the_model(row, folder) for row in rows}
     if (1.0, 1.0) not in fields:
         return []

@@ -36,6 +36,7 @@ DRIFT = 3.0
 CHOICES = ("contact.youngs_modulus", "dem.time_step", "dem.plate_speed", "dem.facets")
 """Keys of what granpipe chooses unless the case does."""
 
+SIMILAR = "similar"
 Scene = Literal["column", "wide column", "reactor"]
 Verdict = Literal["done", "flagged", "refused", "stopped"]
 
@@ -71,9 +72,14 @@ class Row:
         return "".join(c if c.isalnum() or c == "." else "-" for c in words.lower())
 
     @property
+    def similar(self) -> bool:
+        """Whether the row is a scene at another scale, or the model of such scenes."""
+        return self.group.startswith(SIMILAR)
+
+    @property
     def chosen(self) -> bool:
         """Whether granpipe chooses all settings of this row."""
-        return self.scale == (1.0, 1.0) and not any(key in {*self.changes, *self.multiples} for key in CHOICES)
+        return not self.similar and not any(key in {*self.changes, *self.multiples} for key in CHOICES)
 
 
 class Bed(Protocol):
@@ -283,7 +289,7 @@ def _rows() -> Iterator[Row]:
     yield Row("ranks", 2, "reactor", {"dem.ranks": "2"})
     yield Row("steps", 1e6, changes=_SMALLEST, multiples={"dem.plate_speed": 0.005, "dem.max_time": 1.7e5})
     for scale in ((1.0, 1.0), (0.005, 1.0), (15.0, 1.0), (1.0, 0.01), (1.0, 20.0)):
-        yield Row(f"similar, density ×{scale[1]:g}, length ×", scale[0], "reactor", scale=scale)
+        yield Row(f"{SIMILAR}, density ×{scale[1]:g}, length ×", scale[0], "reactor", scale=scale)
 
 
 def _materials() -> Iterator[Row]:

@@ -90,7 +90,7 @@ def draw_map(judged: Sequence[Judged], path: Path) -> None:
 
     lines: dict[str, list[Judged]] = {}
     for one in judged:
-        if not one.row.group.startswith("similar"):
+        if not one.row.similar:
             lines.setdefault(f"{one.row.group} ({one.row.scene})", []).append(one)
     figure = Figure(figsize=(10, 0.42 * len(lines) + 1.4), layout="constrained")
     FigureCanvasAgg(figure)
@@ -118,7 +118,7 @@ def draw_map(judged: Sequence[Judged], path: Path) -> None:
 
 def page(judged: Sequence[Judged], similar: Sequence[Similar], picture: str, date: str, program: str) -> str:
     """The page in Markdown."""
-    rows = [one for one in judged if not one.row.group.startswith("similar")]
+    rows = [one for one in judged if not one.row.similar]
     return "\n".join(
         [
             "# Stability",
