@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from granpipe.case import Case, CaseFile
     from granpipe.errors import CaseError
     from granpipe.plan import Model, Plan
+    from granpipe.study_choice import Chosen
     from granpipe.sweep import Folder
 
 INTERRUPTED = 130
@@ -70,17 +71,24 @@ def main() -> None:
 @_CASE
 @_SET
 @_RESULTS
-def run(case: Path, overrides: tuple[str, ...], results: Path) -> None:
+@click.option("--total-error", metavar="ERROR", help="Take the cheapest setting that the case's study found so good.")
+def run(case: Path, overrides: tuple[str, ...], results: Path, total_error: str | None) -> None:
     """Run CASE: from the outline to field, COMSOL files and pictures."""
     from granpipe.pipeline import run_case
 
-    file = _read(case, overrides)
+    file, chosen = _read(case, overrides), None
+    if total_error is not None:
+        chosen = _chosen(file, results, total_error)
+        file = chosen.file
+        click.echo(chosen.expected)
     with _Console() as console:
         outcome = run_case(file, results, console)
     if not outcome.made:
         click.echo(f"nothing to do: {outcome.folder} is up to date")
     else:
         click.echo(f"results in {outcome.folder}")
+    if chosen is not None:
+        click.echo(chosen.obtained(outcome.folder))
     for gate in outcome.failed:
         click.echo(f"quality gate failed: {gate}", err=True)
     if outcome.failed:
@@ -451,6 +459,13 @@ def _reduce(folder: Folder) -> None:
         sys.exit(3)
     if any(one.text for one in found):
         sys.exit(QUALITY_FAILED)
+
+
+def _chosen(file: CaseFile, results: Path, total_error: str) -> Chosen:
+    from granpipe.study_choice import choose
+    from granpipe.units import NUMBER, in_si
+
+    return choose(file, results, _quantity(in_si, total_error, NUMBER, "--total-error"))
 
 
 def _quantity(read: Any, text: str, dimension: Any, option: str) -> float:

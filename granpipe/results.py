@@ -18,6 +18,7 @@ from granpipe.field import Field
 from granpipe.jsonfile import write_json
 from granpipe.plan import Plan
 from granpipe.quality import Gate
+from granpipe.report import write_run_report
 from granpipe.store import key_of, publishing
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ def write_results(
             "files": sorted(str(path.relative_to(aside)) for path in aside.rglob("*") if path.is_file()),
         }
         write_json(aside / "provenance.json", provenance)
+        write_run_report(aside)
     return tuple(gate for gate in made.gates if not gate.passed)
 
 

@@ -54,7 +54,7 @@ class Study:
     @property
     def name(self) -> str:
         """Of the study's folder."""
-        return self.case.name[: MAX_NAME - len(_ENDING)] + _ENDING
+        return study_name(self.case)
 
     def sweep(self, folder: Path) -> Sweep:
         """The study as a sweep; writes its case and its axes into a folder."""
@@ -65,6 +65,11 @@ class Study:
         (folder / "ladder.json").write_text(json.dumps(ladder, indent=1))
         points = tuple(rung.variant for rung in self.rungs)
         return Sweep(self.name, path, points, (), (), ("csv",), Places(path.name))
+
+
+def study_name(case: Case) -> str:
+    """Name of the folder of a case's study."""
+    return case.name[: MAX_NAME - len(_ENDING)] + _ENDING
 
 
 def make_study(case: Case, hours: float, cores: int, axes: Sequence[str] = ()) -> Study:

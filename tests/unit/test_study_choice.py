@@ -1,0 +1,96 @@
+"""Picking a setting by its total error: the right scene, the cheapest that is good enough, told honestly."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from granpipe.case import CaseFile, load_case, read_case
+from granpipe.errors import CaseError
+from granpipe.study.budget import Option, Part
+from granpipe.study_choice import choose
+from granpipe.study_sweep import make_study
+
+SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
+
+
+def option(point: str, method: str, seconds: float, noise: float, rest: float, changes: dict[str, str]) -> Option:
+    part = {"whole": Part(rest, rest)}
+    return Option(point, method, 1.0, seconds, 1, {"whole": noise}, math.inf, part, changes)
+
+
+OPTIONS = [
+    option("fast", "psi", 10, 0.08, 0.06, {"dem.plate_speed": "0.05", "dem.max_time": "3", "homogenize.start": "1"}),
+    option("base", "raw", 5, 0.03, 0.0, {}),
+    option("base", "psi", 40, 0.03, 0.0, {"dem.max_time": "7"}),
+]
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """Results with a study of the smoke scene."""
+    case = make_study(load_case(SMOKE), 1, 1, ["plate_speed"]).case
+    folder = tmp_path / "smoke-study"
+    folder.mkdir()
+    stored = {"case": case.model_dump(mode="json", exclude_none=True), "options": [asdict(one) for one in OPTIONS]}
+    (folder / "study.json").write_text(json.dumps(stored))
+    return tmp_path
+
+
+def smoke(**changes: str) -> CaseFile:
+    return read_case(SMOKE, {key.replace("__", "."): text for key, text in changes.items()})
+
+
+def test_the_cheapest_that_is_good_enough_is_taken_with_its_settings(results: Path) -> None:
+    chosen = choose(smoke(), results, 0.11)
+    assert chosen.option.point == "fast"
+    assert chosen.proven
+    assert chosen.file.case.dem.plate_speed == 0.05
+    assert chosen.file.case.dem.max_time == 3
+    assert chosen.file.case.homogenize.start == 1
+    assert "10.0%" in chosen.expected
+
+
+def test_a_tighter_tolerance_takes_a_dearer_one_and_never_the_plain_average(results: Path) -> None:
+    chosen = choose(smoke(), results, 0.05)
+    assert (chosen.option.point, chosen.option.method) == ("base", "psi")
+    assert chosen.file.case.dem.max_time == 7
+
+
+def test_flow_rate_pictures_and_seed_stay_those_of_the_case(results: Path) -> None:
+    case = choose(smoke(flow_rate="3 kg/h", figures="[rz]", dem__seed="5"), results, 0.11).file.case
+    assert case.flow_rate.mass == pytest.approx(3 / 3600)
+    assert case.figures == ("rz",)
+    assert case.dem.seed == 5
+
+
+def test_a_target_of_the_case_does_not_end_the_run(results: Path) -> None:
+    assert choose(smoke(dem__statistical_error="1 %"), results, 0.11).file.case.dem.statistical_error is None
+
+
+def test_nothing_good_enough_names_the_best(results: Path) -> None:
+    with pytest.raises(CaseError, match=r"the best has 0\.03"):
+        choose(smoke(), results, 0.01)
+
+
+def test_a_study_of_another_material_is_refused(results: Path) -> None:
+    with pytest.raises(CaseError, match="another vessel or material"):
+        choose(smoke(contact__friction="0.5"), results, 0.11)
+
+
+def test_without_a_study_the_remedy_is_told(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="granpipe study"):
+        choose(smoke(), tmp_path, 0.11)
+
+
+def test_afterwards_it_says_what_it_got(results: Path) -> None:
+    chosen = choose(smoke(), results, 0.11)
+    folder = results / "smoke"
+    folder.mkdir()
+    provenance = {"wall_seconds": 12.3, "figures": {"statistical_error": {"whole": 0.08}}}
+    (folder / "provenance.json").write_text(json.dumps(provenance))
+    assert chosen.obtained(folder) == "took 12 s; error 10.0%: 8.0% statistical as measured now, 6.0% from the study"
