@@ -214,7 +214,7 @@ class _Watch:
     ) -> None:
         self.chain, self.work, self.progress, self.together = chain, work, progress, together
         self.settings, self.health = chain.settings, health
-        self.summed = Summed(chain.plan)
+        self.summed = Summed.of(chain.plan)
         self.collector = Collector(chain.plan.grid, "displacement", extras=self.summed.extras)
         self.segment = done + 1
         self.next_step = done * self.settings.segment_steps

@@ -54,7 +54,7 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> Made:
     parts = [sums for production in productions for sums in production.sums()]
     steady = after_transient(parts, plan.case)
     conserved = conserved_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
-    field = replace(conserved.field, extra=Summed(plan).arrays(steady, conserved.field.inside_fraction))
+    field = replace(conserved.field, extra=Summed.of(plan).arrays(steady, conserved.field.inside_fraction))
     settled = [read_json(production.settled / "settle.json") for production in productions]
     reports = [production.reports() for production in productions]
     figures = conserved.figures | run_statistics(steady, plan.case.outline.levels)

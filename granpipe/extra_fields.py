@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from granpipe.dem.sizes import SizeClasses as Classes
 from granpipe.dem.wall_contacts import read_wall_contacts
 from granpipe.field import Array, Field
+from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR
 from granpipe.geometry.wall_pieces import WallPieces
 from granpipe.homogenize.average import Extra, Sums
@@ -33,13 +35,24 @@ _SUMMED = ("size_classes", "wall_slip", "wall_pressure")
 
 
 class Summed:
-    """What production collects for a plan beside volume and flow."""
+    """What is collected from particles for a case beside volume and flow.
 
-    def __init__(self, plan: Plan) -> None:
-        self.wanted = tuple(name for name in _SUMMED if name in plan.case.homogenize.fields)
-        self.radii = plan.dem.classes.radius
-        self.diameter = plan.dem.classes.sauter_diameter
-        self._pieces = WallPieces.of(plan.outline, self.diameter / PIECES_PER_DIAMETER)
+    Parameters
+    ----------
+    wanted : ``homogenize.fields`` of the case; what needs no sums is passed over
+    outline : the vessel
+    classes : sizes of the particles in the dumps
+    """
+
+    def __init__(self, wanted: Sequence[str], outline: Outline, classes: Classes) -> None:
+        self.wanted = tuple(name for name in _SUMMED if name in wanted)
+        self.radii, self.diameter = classes.radius, classes.sauter_diameter
+        self._pieces = WallPieces.of(outline, self.diameter / PIECES_PER_DIAMETER)
+
+    @classmethod
+    def of(cls, plan: Plan) -> Summed:
+        """What production collects."""
+        return cls(plan.case.homogenize.fields, plan.outline, plan.dem.classes)
 
     @property
     def key(self) -> dict[str, Any]:

@@ -5,8 +5,8 @@ On rings about an axis, in the plane x–z of a vessel that is alike all along y
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -14,12 +14,14 @@ import numpy as np
 
 from granpipe.case import Case
 from granpipe.dem.dump import Snapshot, read_dumps
+from granpipe.dem.sizes import size_classes
 from granpipe.dem_field import conserved_field
 from granpipe.errors import DataError
+from granpipe.extra_fields import Summed, with_derived
 from granpipe.field import Box, Field, Grid, level_flow
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard_errors
-from granpipe.homogenize.average import Collector, Sums, merge
+from granpipe.homogenize.average import Collector, Extra, Sums, merge
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import LEAST_BLOCKS
 from granpipe.raw_grid import Frame, grid_round
@@ -75,8 +77,19 @@ def homogenize_files(request: Request, case: Case | None) -> Homogenized:
         raise DataError(f"a case describes a vessel of revolution: leave out --plane {request.frame.plane} or --case")
     outline = Outline.from_case(case)
     grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, request.frame.cell)
-    parts, sampling = _sampled(request, grid, diameter)
-    return Homogenized(conserved_field(case, outline, parts, diameter).field, sampling, case.homogenize.method)
+    summed = _summed(case, outline)
+    parts, sampling = _sampled(request, grid, diameter, summed.extras)
+    field = conserved_field(case, outline, parts, diameter).field
+    field = replace(field, extra=summed.arrays(parts, field.inside_fraction))
+    return Homogenized(with_derived(field, case.homogenize.fields)[0], sampling, case.homogenize.method)
+
+
+def _summed(case: Case, outline: Outline) -> Summed:
+    """What the case asks for beside the field; DataError for what dumps of particles do not tell."""
+    if "wall_pressure" in case.homogenize.fields:
+        raise DataError("dumps of particles hold no forces: take wall_pressure out of homogenize.fields")
+    classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
+    return Summed(case.homogenize.fields, outline, classes)
 
 
 def _plain(parts: list[Sums], diameter: float) -> tuple[Field, str]:
@@ -107,12 +120,16 @@ def _most_segments(request: Request) -> int:
     return LEAST_BLOCKS if request.frame.plane == "xyz" else _SEGMENTS
 
 
-def _sampled(request: Request, grid: Grid, diameter: float) -> tuple[list[Sums], str]:
+def _sampled(request: Request, grid: Grid, diameter: float, extras: Sequence[Extra] = ()) -> tuple[list[Sums], str]:
     """Segments sampled by displacement, or by velocity from the first pair of snapshots on that does not allow it."""
     try:
-        return _segments(request, Collector(grid, "displacement"), diameter), "displacement between snapshots"
+        return _segments(
+            request, Collector(grid, "displacement", extras=extras), diameter
+        ), "displacement between snapshots"
     except _NoPathsError as error:
-        return _segments(request, Collector(grid, "velocity"), diameter), f"velocities in the snapshots: {error}"
+        return _segments(
+            request, Collector(grid, "velocity", extras=extras), diameter
+        ), f"velocities in the snapshots: {error}"
 
 
 class _NoPathsError(Exception):
@@ -200,10 +217,12 @@ def write_plane(field: Field, case: Case | None, folder: Path) -> None:
     """Write the files of a field on rings or in the plane x–z."""
     from granpipe.export.comsol import write_interpolation
     from granpipe.export.nodes import nodal_values
+    from granpipe.export.tables import write_tables
     from granpipe.export.vtk import write_vtu
     from granpipe.results import write_comsol_folder
 
     write_vtu(field, folder / "field.vtu")
+    write_tables(field, folder)
     if case is not None:
         write_comsol_folder(field, case, folder)
     elif not field.grid.axial:

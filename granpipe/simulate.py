@@ -138,7 +138,7 @@ class _Run:
         self.settle_key = key_of("settle", _VERSION, part)
         settled, grid = store.folder("settle", self.settle_key), plan.grid
         part = {"deck": produce, "settled": settled.name, "cell": grid.cell, "z": [grid.z_edges[0], grid.z_edges[-1]]}
-        part |= Summed(plan).key
+        part |= Summed.of(plan).key
         self.chain_key = key_of("produce", _VERSION, part)
         self.chain = Chain(store.folder("produce", self.chain_key), self.plan, settled, self.deck, number)
 

@@ -1,9 +1,8 @@
 """A small converging flow with its truth, runs of it, and the errors of a field against it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from fakes.analytic_flow import ConvergingFlow, snapshots
+from fakes.spheres import Spheres
 
 from granpipe.field import Grid
 from granpipe.homogenize.average import Collector
@@ -26,14 +25,6 @@ def wall(z):
 
 
 INSIDE = (GRID.r_edges[None, :-1] < wall(GRID.z_centres)[:, None] - 1e-9).astype(float)
-
-
-@dataclass
-class Spheres:
-    id: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    radius: np.ndarray
 
 
 def averaged(seed, count, segments):

@@ -104,9 +104,9 @@ def test_the_key_of_the_sums_follows_what_is_collected():
         make_plan(load_case(ROOT / "cases" / "smoke.yaml", {"homogenize.fields": fields}))
         for fields in ("[residence_time]", "[wall_slip]")
     )
-    assert Summed(plain).key == {}
-    assert not Summed(plain).extras
-    assert Summed(other).key["extra"] == ["wall_slip"]
+    assert Summed.of(plain).key == {}
+    assert not Summed.of(plain).extras
+    assert Summed.of(other).key["extra"] == ["wall_slip"]
 
 
 def test_residence_times_need_a_stream_function():

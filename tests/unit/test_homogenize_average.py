@@ -1,9 +1,10 @@
 """Segment sums: what is summed, how segments join, and what is refused."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from fakes.spheres import Spheres
 
 from granpipe.errors import DataError
 from granpipe.field import Grid
@@ -13,24 +14,11 @@ from granpipe.homogenize.deposit import deposit
 GRID = Grid.covering(0.3, 0.0, 0.4, 0.02)
 
 
-@dataclass
-class Cloud:
-    """Spheres in free flight: all that a snapshot is asked for."""
-
-    id: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    radius: np.ndarray
-
-    def after(self, time):
-        return Cloud(self.id, self.position + time * self.velocity, self.velocity, self.radius)
-
-
 def cloud(count=80, seed=0):
     rng = np.random.default_rng(seed)
     position = np.column_stack([rng.uniform(-0.15, 0.15, (count, 2)), rng.uniform(-0.1, 0.5, count)])
     velocity = np.column_stack([rng.normal(0, 0.02, (count, 2)), rng.uniform(-0.3, -0.1, count)])
-    return Cloud(rng.permutation(count) + 1, position, velocity, rng.uniform(0.02, 0.04, count))
+    return Spheres(rng.permutation(count) + 1, position, velocity, rng.uniform(0.02, 0.04, count))
 
 
 def collected(times, sampling="velocity", start=None):
@@ -87,7 +75,7 @@ def test_displacement_closes_the_balance_where_velocity_does_not():
 def test_displacement_pairs_particles_by_id_whatever_their_order():
     start, later = cloud(), cloud().after(0.1)
     order = np.random.default_rng(5).permutation(80)
-    shuffled = Cloud(later.id[order], later.position[order], later.velocity[order], later.radius[order])
+    shuffled = Spheres(later.id[order], later.position[order], later.velocity[order], later.radius[order])
     one, other = Collector(GRID, "displacement"), Collector(GRID, "displacement")
     for collector, second in ((one, later), (other, shuffled)):
         collector.add(0, start)
@@ -98,9 +86,9 @@ def test_displacement_pairs_particles_by_id_whatever_their_order():
 def test_particles_that_come_or_go_between_snapshots_carry_no_flow():
     start, later = cloud(), cloud().after(0.1)
     collector = Collector(GRID, "displacement")
-    collector.add(0, Cloud(start.id[:50], start.position[:50], start.velocity[:50], start.radius[:50]))
-    collector.add(0.1, Cloud(later.id[30:], later.position[30:], later.velocity[30:], later.radius[30:]))
-    both = Cloud(start.id[30:50], start.position[30:50], start.velocity[30:50], start.radius[30:50])
+    collector.add(0, Spheres(start.id[:50], start.position[:50], start.velocity[:50], start.radius[:50]))
+    collector.add(0.1, Spheres(later.id[30:], later.position[30:], later.velocity[30:], later.radius[30:]))
+    both = Spheres(start.id[30:50], start.position[30:50], start.velocity[30:50], start.radius[30:50])
     assert np.allclose(
         collector.take().flow_z, collected([0, 0.1], "displacement", both).take().flow_z, rtol=1e-9, atol=1e-18
     )

@@ -1,9 +1,10 @@
 """Extra sums: size classes, slip and contact along walls, pressure; against counts made by hand."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from fakes.spheres import Spheres
 
 from granpipe.errors import DataError
 from granpipe.field import Grid
@@ -28,26 +29,13 @@ HOPPER = Outline.of(
 )
 
 
-@dataclass
-class Cloud:
-    """All that a snapshot is asked for."""
-
-    id: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    radius: np.ndarray
-
-    def after(self, time):
-        return replace(self, position=self.position + time * self.velocity)
-
-
 def on_circle(count, r, z, radius, outward=0.0, upward=0.0, spin=0.0):
     """Spheres evenly round a circle of the vessel, all moving alike."""
     angle = 2 * np.pi * (np.arange(count) + 0.3) / count
     radial = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
     round_about = np.column_stack([-np.sin(angle), np.cos(angle), 0 * angle])
     up = np.array([0, 0, 1.0])
-    return Cloud(
+    return Spheres(
         np.arange(1, count + 1),
         r * radial + z * up,
         outward * radial + upward * up + spin * round_about,
@@ -58,7 +46,7 @@ def on_circle(count, r, z, radius, outward=0.0, upward=0.0, spin=0.0):
 def cloud(count=300, seed=0):
     rng = np.random.default_rng(seed)
     position = np.column_stack([rng.uniform(-0.15, 0.15, (count, 2)), rng.uniform(0.05, 0.35, count)])
-    return Cloud(np.arange(1, count + 1), position, rng.normal(0, 0.02, (count, 3)), rng.choice(RADII, count))
+    return Spheres(np.arange(1, count + 1), position, rng.normal(0, 0.02, (count, 3)), rng.choice(RADII, count))
 
 
 def sums_of(extra, start, times=(0.0, 0.1), sampling="velocity"):
@@ -81,7 +69,7 @@ def test_a_class_is_the_packing_of_its_particles_alone():
     found = size_class_arrays([sums_of(SizeClasses(RADII), start)], RADII, INSIDE)
     for k, radius in enumerate(RADII):
         own = start.radius == radius
-        alone = Cloud(start.id[own], start.position[own], start.velocity[own], start.radius[own])
+        alone = Spheres(start.id[own], start.position[own], start.velocity[own], start.radius[own])
         volume = sums_of(SizeClasses(RADII), alone).mean_volume
         assert np.allclose(found["class_packing"][k] * GRID.cell_volume, volume, rtol=1e-10, atol=1e-18)
 

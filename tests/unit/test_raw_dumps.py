@@ -57,6 +57,17 @@ def test_with_a_case_the_field_conserves_by_its_method(dumps: tuple[Path, ...], 
     assert flow[0] * field.velocity_scale == pytest.approx(1 / 3600)
 
 
+def test_with_a_case_its_other_fields_come_along(dumps: tuple[Path, ...]) -> None:
+    fields = ("size_classes", "wall_slip", "residence_time")
+    case = vessel("psi")
+    case = case.model_copy(update={"homogenize": case.homogenize.model_copy(update={"fields": fields})})
+    extra = homogenize_files(request(dumps), case).field.extra
+    assert {"class_packing", "wall_slip", "residence_time"} <= set(extra)
+    forces = case.homogenize.model_copy(update={"fields": ("wall_pressure",)})
+    with pytest.raises(DataError, match="hold no forces"):
+        homogenize_files(request(dumps), case.model_copy(update={"homogenize": forces}))
+
+
 def test_times_without_a_snapshot_are_named(dumps: tuple[Path, ...]) -> None:
     with pytest.raises(DataError, match=r"run from 0 to 1\.4 s; none lies between --start 20 s"):
         homogenize_files(request(dumps, start=20.0), None)

@@ -1,10 +1,10 @@
 """Sphere–box deposit against quadrature that shares nothing with it, and its balance."""
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from fakes.spheres import Spheres
 from scipy import integrate
 
 from granpipe.field import Box
@@ -137,16 +137,6 @@ def test_the_balance_of_every_cell_closes_with_the_order_of_quadrature(grid):
 def test_the_balance_of_every_cell_closes_with_the_time_step(grid):
     residual = [balance_residual(grid, 32, dt) for dt in (0.016, 0.008, 0.004)]
     assert all(later < 0.5 * earlier for earlier, later in pairwise(residual))
-
-
-@dataclass
-class Spheres:
-    """All that a snapshot is asked for."""
-
-    id: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    radius: np.ndarray
 
 
 def test_displacement_closes_the_balance_in_space_of_particles_that_stop_at_every_snapshot():

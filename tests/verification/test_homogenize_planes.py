@@ -1,11 +1,11 @@
 """Fields in the plane x–z and in space against flows that are known."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fakes.plane_flow import DEPTH, NARROW, WIDE, PlaneFlow
+from fakes.spheres import Spheres
 from scipy.stats import qmc
 
 from granpipe.field import Box, Field, divergence, flux_from_psi, level_flow
@@ -19,16 +19,6 @@ SIDE, TALL = (0.0, 0.4), (0.0, 0.5)
 PLANE = Box.within(SIDE, (0.0, 0.2), TALL, 0.02, flat=True, cut=False)
 ROWS, COLUMNS = PLANE.shape
 FLOW = 0.03  # m³/s
-
-
-@dataclass
-class Spheres:
-    """All that a snapshot is asked for."""
-
-    id: np.ndarray
-    position: np.ndarray
-    velocity: np.ndarray
-    radius: np.ndarray
 
 
 # --- flux, bulk velocity, particle velocity ---------------------------------------------------------------------------
