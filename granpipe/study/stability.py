@@ -278,9 +278,9 @@ def _rows() -> Iterator[Row]:
         yield Row("E*/(ρgH)", ratio, multiples={"contact.youngs_modulus": ratio})
     for ratio in (20, 100):
         yield Row("E*/(ρgH)", ratio, "reactor", multiples={"contact.youngs_modulus": ratio})
-    for modulus in ("5e6", "5e7", "5e8", "4.7e9"):
+    for modulus in ("5e6", "5e7", "4.7e9"):
         yield Row("E in Pa", float(modulus), changes=_SMALL | {"contact.youngs_modulus": modulus})
-    for scene, factors in (("column", (0.1, 0.3, 1, 3, 10, 30, 100)), ("reactor", (0.3, 1, 3, 10, 30))):
+    for scene, factors in (("column", (0.1, 1, 3, 10, 100)), ("reactor", (0.3, 3, 30))):
         for factor in factors:
             yield Row("plate speed over the automatic", factor, scene, multiples={"dem.plate_speed": factor})  # type: ignore[arg-type]
     yield from _materials()
@@ -293,39 +293,37 @@ def _rows() -> Iterator[Row]:
 
 
 def _materials() -> Iterator[Row]:
-    for restitution in (0.06, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0):
+    for restitution in (0.06, 0.3, 0.7, 0.99, 1.0):
         patience = 5.0 if restitution >= 0.99 else 1.0
         yield Row("restitution", restitution, changes={"contact.restitution": str(restitution)}, patience=patience)
     yield Row("restitution, no friction", 1, changes={"contact.restitution": "1", "contact.friction": "0"})
-    for friction in (0.0, 0.05, 0.3, 0.73, 1.2):
+    for friction in (0.0, 0.05, 0.73, 1.2):
         patience = 5.0 if friction == 0 else 1.0
         yield Row("friction", friction, changes={"contact.friction": str(friction)}, patience=patience)
     for model in ("epsd2", "cdt"):
-        for rolling in (0.05, 0.21, 0.5):
+        for rolling in (0.05, 0.5):
             changes = {"contact.rolling_model": model, "contact.rolling_friction": str(rolling)}
             yield Row(f"rolling friction, {model}", rolling, changes=changes)
-    for poisson in (0.0, 0.2, 0.45, 0.5):
+    for poisson in (0.0, 0.2, 0.5):
         yield Row("Poisson's ratio", poisson, changes={"contact.poisson": str(poisson)})
-    for ratio in (1, 2, 3, 5, 10):
+    for ratio in (2, 3, 5, 10):
         yield Row("size ratio", ratio, changes={"material.size": _two_sizes(0.02, ratio)})
 
 
 def _two_sizes(diameter: float, ratio: float) -> str:
     """As many small spheres as large ones."""
-    if ratio == 1:
-        return f"{{diameter: {diameter}}}"
     small, large = diameter / ratio, diameter
     edges = [0.99 * small, 1.01 * small, 0.99 * large, 1.01 * large]
     return f"{{diameter: {{sieve: {{edges: {edges}, fractions: [0.5, 0, 0.5]}}}}, by: number}}"
 
 
 def _shapes() -> Iterator[Row]:
-    for ratio in (2, 3, 4, 5.5, 8, 12, 20):
+    for ratio in (2, 3, 4, 5.5, 8, 20):
         radius = 0.01 * ratio
         yield Row("D/d", ratio, "wide column", {"outline.wall": f"[[{radius}, 0.1], [{radius}, 0]]"})
     for factor in (1, 2, 3, 4):
         yield Row("coarse graining", factor, "wide column", {"dem.coarse_grain_factor": str(factor)})
-    for facets in (8, 12, 16, 32, 64, 128):
+    for facets in (8, 16, 32, 128):
         yield Row("facets per turn", facets, changes={"dem.facets": str(facets)})
     hat = {"outline.obstacles": "{hat: [[0, 0.08], [0, 0.02], [0.08, 0.02]]}"}
     yield Row("apex of a cone on the axis", 1, "wide column", hat)
