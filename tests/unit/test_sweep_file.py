@@ -1,8 +1,12 @@
 """sweep.yaml and cluster.yaml: what they expand to, and that everything wrong is refused where it stands."""
 
+import contextlib
+import tempfile
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from granpipe.errors import CaseError
 from granpipe.sweepfile import read_profile, read_sweep, value_text
@@ -94,6 +98,22 @@ def test_a_sweep_without_points_is_refused(read):
 def test_a_named_point_may_not_be_one_of_the_axes(read):
     text = "name: a\ncase: b.yaml\naxes: [{dem.seed: [1, 2]}]\npoints: {seed-1: {dem.seed: 3}}\n"
     assert "is the name of a point of the axes, too" in message(read, text)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.data())
+def test_damaged_text_is_refused_or_read_but_never_breaks(data):
+    text = list(SWEEP)
+    for _ in range(data.draw(st.integers(1, 5))):
+        place = data.draw(st.integers(0, len(text) - 1))
+        text[place] = data.draw(
+            st.sampled_from(["", "\n", " ", ":", "[", "}", "-", "null", "1e999", "{", "~", ",", "é"])
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "sweep.yaml"
+        path.write_text("".join(text))
+        with contextlib.suppress(CaseError):
+            read_sweep(path)
 
 
 PROFILE = """\
