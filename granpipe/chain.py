@@ -269,7 +269,9 @@ class _Watch:
         begun = time.process_time()
         snapshot = read_snapshot(path, DUMP_COLUMNS)
         self.collector.add(self.next_step * self.settings.time_step, snapshot)
-        self.collector.observe(self.summed.observed(self.work, self.next_step))
+        beside = self.summed.observed(self.work, self.next_step)
+        if self.next_step > self.start_step:  # the first belongs to the segment before
+            self.collector.observe(beside)
         self.count = len(snapshot)
         sums = self.collector.take() if ends else None
         averaged = time.process_time()

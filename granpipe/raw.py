@@ -123,13 +123,11 @@ def _most_segments(request: Request) -> int:
 def _sampled(request: Request, grid: Grid, diameter: float, extras: Sequence[Extra] = ()) -> tuple[list[Sums], str]:
     """Segments sampled by displacement, or by velocity from the first pair of snapshots on that does not allow it."""
     try:
-        return _segments(
-            request, Collector(grid, "displacement", extras=extras), diameter
-        ), "displacement between snapshots"
+        collector = Collector(grid, "displacement", extras=extras)
+        return _segments(request, collector, diameter), "displacement between snapshots"
     except _NoPathsError as error:
-        return _segments(
-            request, Collector(grid, "velocity", extras=extras), diameter
-        ), f"velocities in the snapshots: {error}"
+        collector = Collector(grid, "velocity", extras=extras)
+        return _segments(request, collector, diameter), f"velocities in the snapshots: {error}"
 
 
 class _NoPathsError(Exception):
