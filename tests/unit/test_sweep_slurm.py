@@ -73,7 +73,7 @@ def test_an_array_is_never_longer_than_the_cluster_lets(cluster, folder):
     submit(folder, points(95), Profile(time="1 h"), Silent())
     found = lines(cluster.scripts[0])
     assert len(found) == 10
-    assert sum(found, []) == [point.name for point in points(95)]
+    assert [name for line in found for name in line] == [point.name for point in points(95)]
 
 
 def test_what_is_in_the_queue_is_not_submitted_again(cluster, folder):
@@ -116,7 +116,7 @@ def test_scripts_are_bash_and_say_what_the_profile_says(cluster, folder, given):
         ["--mem=2000M", "--partition=main,long", "--account=a.b", "%7\n", "--qos=long"] if "memory" in given else []
     )
     assert all(word in text for word in wanted)
-    assert "\n\n#SBATCH" not in text.replace(
+    assert "\n\n#SBATCH" not in text
         "\n\n#SBATCH --ntasks", ""
     )  # sbatch reads on through empty lines, people less
 
