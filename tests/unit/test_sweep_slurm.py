@@ -117,8 +117,6 @@ def test_scripts_are_bash_and_say_what_the_profile_says(cluster, folder, given):
     )
     assert all(word in text for word in wanted)
     assert "\n\n#SBATCH" not in text
-        "\n\n#SBATCH --ntasks", ""
-    )  # sbatch reads on through empty lines, people less
 
 
 @pytest.mark.parametrize("name", ["a b", "a;b", "a$(b)", "a'b", "ä", 'a"b', "a\nb"])
