@@ -8,12 +8,14 @@ the cells, the disc is kept. Through a face flows the velocity across it times t
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from granpipe.field import Array, Box
-from granpipe.homogenize.slices import Index, disc_radius, floor, levels, lots, slab_points
+from granpipe.homogenize.slices import Index, disc_radius, floor, gauss, levels, lots, slab_points
 
 _CHUNK = 1 << 18  # corners of rectangles at a time
 
@@ -70,6 +72,42 @@ def add_to_boxes(
     points : Gauss points over the height of each cell
     volume, flow_x, flow_z, flow_y : see `granpipe.homogenize.deposit.Deposit`
     """
+    _kernel()(position, radius, velocity, grid, points, volume, flow_x, flow_z, flow_y)
+
+
+@cache
+def _kernel() -> Callable[..., None]:
+    """The compiled kernel where numba is installed, otherwise numpy's."""
+    try:
+        import granpipe.homogenize.deposit_box_numba  # noqa: F401
+    except ImportError:
+        return _add
+    return _add_compiled
+
+
+def _add_compiled(position: Array, radius: Array, velocity: Array, grid: Box, points: int, *total: Array) -> None:
+    """Add spheres to volume and flows along x, z and y."""
+    from granpipe.homogenize.deposit_box_numba import add
+
+    in_space = [array[:, None] if grid.flat and array.size else array for array in total]
+    if grid.flat:
+        in_space[3] = np.zeros((0, 0, 0))
+    edges = grid.r_edges, grid.y_edges, grid.z_edges
+    add(position, radius, velocity, *edges, grid.flat, grid.cut, *gauss(points), *in_space)
+
+
+def _add(
+    position: Array,
+    radius: Array,
+    velocity: Array,
+    grid: Box,
+    points: int,
+    volume: Array,
+    flow_x: Array,
+    flow_z: Array,
+    flow_y: Array,
+) -> None:
+    """The same by numpy alone."""
     across = 2 * radius / grid.cell + 2
     cost = across * (points + 1) * across * (2 if grid.flat else across)
     for lot in lots(position[:, 2], cost, _CHUNK):

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from granpipe.field import Grid
+from granpipe.field import Box, Grid
 from granpipe.homogenize import deposit as module
+from granpipe.homogenize import deposit_box as boxes
 
 pytest.importorskip("numba")
 
@@ -31,3 +32,24 @@ def test_compiled_and_numpy_kernels_agree_to_rounding(cell, points):
 
 def test_the_compiled_kernel_is_chosen_where_numba_is_installed():
     assert module._kernel() is module._add_compiled
+
+
+@pytest.mark.parametrize(("flat", "cut"), [(True, True), (True, False), (False, True)])
+@pytest.mark.parametrize(("cell", "points"), [(0.02, 3), (0.1, 5)])
+def test_compiled_and_numpy_kernels_agree_on_cartesian_cells(flat, cut, cell, points):
+    rng = np.random.default_rng(9)
+    position, velocity = rng.uniform(-0.1, 0.5, (300, 3)), rng.normal(size=(300, 3))
+    position[0], position[1] = 0.2, 0.21  # on a corner of the cells, and in the middle of one
+    radius = rng.uniform(0.01, 0.05, 300)
+    radius[:2] = 0.04
+    grid = Box.within((0.0, 0.4), (0.0, 0.3), (0.0, 0.4), cell, flat, cut)
+    numpys, compiled = module.empty_deposit(grid), module.empty_deposit(grid)
+    boxes._add(position, radius, velocity, grid, points, *numpys)
+    boxes._add_compiled(position, radius, velocity, grid, points, *compiled)
+    for one, other in zip(numpys[: 3 if flat else 4], compiled, strict=False):
+        assert np.abs(one).max() > 0
+        assert np.abs(one - other).max() < 1e-13 * np.abs(one).max()
+
+
+def test_the_compiled_kernel_is_chosen_for_cartesian_cells_too():
+    assert boxes._kernel() is boxes._add_compiled
