@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import socket
 import sys
@@ -58,7 +57,7 @@ def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: 
 def queued(folder: Folder) -> dict[str, Element]:
     """Points that are in Slurm's queue, waiting or running, with the element of the array that has them."""
     jobs = _jobs(folder)
-    if not jobs or shutil.which("squeue") is None:
+    if not jobs or not slurm.is_here():  # results may be looked at elsewhere
         return {}
     lines = {str(job["job"]): job["points"] for job in jobs}
     found: dict[str, Element] = {}

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from granpipe.errors import RunError
+from granpipe.study import slurm
 from granpipe.study.slurm import Element
 from granpipe.study.state import State
 from granpipe.sweep import Folder
@@ -31,8 +32,7 @@ class Standing:
 
 def standings(folder: Folder) -> list[Standing]:
     """Every point in order."""
-    elements = queued(folder)
-    here = _is_running(folder)
+    elements, here = queued(folder), _is_running(folder)
     return [_standing(folder, name, elements.get(name), here) for name in folder.variants]
 
 
@@ -62,7 +62,7 @@ def _standing(folder: Folder, name: str, element: Element | None, here: bool) ->
         return Standing(name, "waiting" if waits else "missing", "" if waits else "run the sweep again")
     if state.phase == "failed":
         return Standing(name, "failed", state.error)
-    if (state.job and element is None) or (not state.job and state.process_is_gone()):
+    if (state.job and element is None and slurm.is_here()) or (not state.job and state.process_is_gone()):
         where = f"job {state.job}" if state.job else f"process {state.pid}"
         return Standing(name, "failed", f"{where} ended without a word (killed, or its machine lost) at {_at(state)}")
     return Standing(name, "running", ", ".join(_running(state)))

@@ -55,6 +55,11 @@ def plain_path(path: Path) -> str:
     return text
 
 
+def is_here() -> bool:
+    """Whether this machine can ask Slurm."""
+    return shutil.which("squeue") is not None
+
+
 def submit(path: Path, *options: str) -> str:
     """Submit a batch script; the id of the job."""
     return _run("sbatch", "--parsable", *options, str(path)).strip().split(";")[0]

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from granpipe import sweep_slurm
 from granpipe.errors import RunError
 from granpipe.progress import Silent
 from granpipe.study import slurm
@@ -34,7 +33,7 @@ def cluster(monkeypatch):
     monkeypatch.setattr(slurm, "submit", fake.submit)
     monkeypatch.setattr(slurm, "queue", lambda: fake.elements)
     monkeypatch.setattr(slurm, "largest_array", lambda: fake.longest)
-    monkeypatch.setattr(sweep_slurm.shutil, "which", lambda name: name)
+    monkeypatch.setattr(slurm, "is_here", lambda: True)
     return fake
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from granpipe import sweep_status
+from granpipe.study import slurm
 from granpipe.study.slurm import Element
 from granpipe.study.state import Recorder, State
 from granpipe.study.variants import crossed
@@ -41,6 +42,7 @@ def queue(monkeypatch):
     """Elements of Slurm's queue by point."""
     elements = {}
     monkeypatch.setattr(sweep_status, "queued", lambda folder: elements)
+    monkeypatch.setattr(slurm, "is_here", lambda: True)
     return elements
 
 
@@ -102,6 +104,12 @@ def test_the_queue_is_believed_for_jobs(folder, queue):
     waiting = standings(folder)[1]
     assert words(folder) == ["running", "waiting", "failed"]
     assert waiting.text == "job 7_2: BeginTime"
+
+
+def test_without_slurm_jobs_are_what_their_files_say(folder, queue, monkeypatch):
+    monkeypatch.setattr(slurm, "is_here", lambda: False)
+    write(folder, "seed-0", job="7_1", host="node")
+    assert words(folder)[0] == "running"
 
 
 def test_later_points_of_a_running_job_wait(folder, queue):
