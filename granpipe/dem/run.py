@@ -48,6 +48,9 @@ _MEANINGS = {
 }
 """What granpipe's own decks say before they give up."""
 
+_LOST = re.compile(r"ERROR.*(Lost atoms|Out of range atoms|Non-numeric)")
+_LOST_REMEDY = "; particles have left the vessel: make dem.time_step smaller, or contact.youngs_modulus larger"
+
 _INSERTED = re.compile(r"INFO: Particle insertion \w+: inserted (\d+) particle templates")
 _SEGMENT = re.compile(r"granpipe: segment (\d+)")
 
@@ -285,8 +288,8 @@ class Liggghts:
         how = f"was killed by signal {-code}" if code < 0 else f"ended with status {code}"
         if code == -signal.SIGXFSZ or any("File size limit" in line for line in log):
             own = [f"a file outgrew its cap of {self.limits.file_bytes / 1e9:.3g} GB"]
-        reason = _MEANINGS.get(self.status.message, "it did not reach the end of its deck")
-        raise self.fail(how, own[-1] if own else reason)
+        reason = own[-1] if own else _MEANINGS.get(self.status.message, "it did not reach the end of its deck")
+        raise self.fail(how, reason + (_LOST_REMEDY if _LOST.search(reason) else ""))
 
 
 class _Watch:
