@@ -17,6 +17,7 @@ from granpipe.errors import GranpipeError
 if TYPE_CHECKING:
     from granpipe.case import Case, CaseFile
     from granpipe.errors import CaseError
+    from granpipe.machine import Rates
     from granpipe.plan import Model, Plan
     from granpipe.study_choice import Chosen
     from granpipe.sweep import Folder
@@ -100,11 +101,27 @@ def run(case: Path, overrides: tuple[str, ...], results: Path, total_error: str 
 @_SET
 def plan(case: Path, overrides: tuple[str, ...]) -> None:
     """Show what a run of CASE would do, leave out and cost."""
+    from granpipe.machine import known_rates
     from granpipe.pipeline import plan_case
     from granpipe.plan import variants
 
     file = _read(case, overrides)
-    click.echo(_plan_text(plan_case(file), variants(file.case)))
+    click.echo(_plan_text(plan_case(file), variants(file.case), known_rates()))
+
+
+@main.command()
+def calibrate() -> None:
+    """Measure how fast this machine is, by a run of half a minute; plans then forecast their times by it."""
+    from granpipe.calibrate import calibrate as measure
+    from granpipe.doctor import require
+    from granpipe.machine import machine
+
+    require("gmsh library")
+    with _Console() as console:
+        rates = measure(console)
+    for ranks, rate in rates.by_ranks.items():
+        click.echo(f"{ranks} rank{'s' if ranks > 1 else ''}: {rate:.3g} particle-steps per second")
+    click.echo(f"kept for {machine()}")
 
 
 @main.command()
@@ -363,13 +380,14 @@ def study(
     What is done is not repeated. On a cluster, run the command again when the jobs have ended: it makes the report.
     """
     from granpipe.cores import usable_cores
+    from granpipe.machine import known_rates
     from granpipe.pipeline import plan_case
     from granpipe.study_run import prepare_study, report_study
     from granpipe.study_sweep import make_study
 
     cores = cores or usable_cores()
     other = None if against is None else plan_case(_read(against, ()))
-    made = make_study(_read(case, overrides).case, hours, cores, axes)
+    made = make_study(_read(case, overrides).case, hours, cores, axes, known_rates())
     for rung in made.dropped:
         seconds = made.forecast[rung.variant.name]
         click.echo(f"left out: {rung.variant.name}, {seconds / 3600:.2g} h; give more --hours to have it", err=True)
@@ -543,7 +561,7 @@ class _Console:
         self._console.print(text)
 
 
-def _plan_text(plan: Plan, others: dict[Model, Plan | CaseError]) -> str:
+def _plan_text(plan: Plan, others: dict[Model, Plan | CaseError], rates: Rates | None) -> str:
     width = max(len(stage.name) for stage in (*plan.stages, *plan.left_out))
     lines = [f"{plan.case.name}: model {plan.model}", "", "stages"]
     lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.stages]
@@ -553,7 +571,8 @@ def _plan_text(plan: Plan, others: dict[Model, Plan | CaseError]) -> str:
     lines += ["", f"grid  {rows} × {columns} cells of {plan.grid.cell:.4g} m", ""]
     for title, part in _dem_runs(plan):
         lines += _dem_lines(title, part)
-    lines += ["the models side by side", *(_variant_line(model, other) for model, other in others.items()), ""]
+    lines += ["the models side by side", *(_variant_line(model, other, rates) for model, other in others.items())]
+    lines += [f"  times {_source(rates)}", ""]
     lines += [f"note: {warning}" for warning in plan.warnings]
     lines += [f"outside the range (a run ends with status 4): {breach}" for breach in plan.breaches]
     return "\n".join(lines)
@@ -589,11 +608,19 @@ def _length_lines(case: Case) -> list[str]:
     return lines
 
 
-def _variant_line(model: Model, plan: Plan | CaseError) -> str:
+def _source(rates: Rates | None) -> str:
+    if rates is None:
+        return "as on the machine that granpipe is developed on; `granpipe calibrate` measures this one"
+    return f"by the speed of this machine, as measured on {rates.made}"
+
+
+def _variant_line(model: Model, plan: Plan | CaseError, rates: Rates | None) -> str:
+    from granpipe.machine import forecast
+
     if isinstance(plan, GranpipeError):
         return f"  {model:<7} not possible: {plan}"
-    hours = plan.seconds / 3600
-    time_text = f"{hours:.3g} h" if hours >= 1 else f"{plan.seconds / 60:.2g} min"
+    seconds = forecast(plan, rates)
+    time_text = f"{seconds / 3600:.3g} h" if seconds >= 3600 else f"{seconds / 60:.2g} min"
     unfit = "; does not describe every section" if model == "fluid" and plan.warnings else ""
     runs = [part.dem for _, part in _dem_runs(plan)]
     particles = " + ".join(str(dem.particles) for dem in runs) or "no"

@@ -100,7 +100,7 @@ def _run_sections(plan: Mapping[str, Any], provenance: Mapping[str, Any]) -> lis
     stages = [(stage["stage"], stage["reason"]) for stage in plan["stages"]]
     sections.append(Section("Stages", _notes(plan), head=("stage", "why"), rows=stages))
     if "produce_wall_seconds" in figures:
-        sections.append(Section("Time", head=("what", "measured"), rows=_times(plan, figures, provenance)))
+        sections.append(Section("Time", head=("what", "time"), rows=_times(figures, provenance)))
     return sections
 
 
@@ -108,14 +108,14 @@ def _notes(plan: Mapping[str, Any]) -> list[str]:
     return [*plan["warnings"], *(f"Outside the range: {breach}" for breach in plan["outside_the_range"])]
 
 
-def _times(plan: Mapping[str, Any], figures: Mapping[str, Any], provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _times(figures: Mapping[str, Any], provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What the stages took; those that were done before took it in an earlier run."""
-    found = [
+    return [
+        ("forecast of filling and production", _seconds(provenance["forecast_seconds"])),
         ("production, each run", ", ".join(map(_seconds, figures["produce_wall_seconds"]))),
         ("of it averaging", ", ".join(map(_seconds, figures["averaging_seconds"]))),
         ("this run, all together", _seconds(provenance["wall_seconds"])),
     ]
-    return [("forecast of filling and production", _seconds(plan["dem"]["seconds"])), *found]
 
 
 def _pictures(folder: Path) -> list[Section]:

@@ -16,6 +16,7 @@ from granpipe.case import Case
 from granpipe.errors import RunError
 from granpipe.field import Field
 from granpipe.jsonfile import write_json
+from granpipe.machine import forecast, known_rates
 from granpipe.plan import Plan
 from granpipe.quality import Gate
 from granpipe.report import write_run_report
@@ -78,6 +79,7 @@ def write_results(
             "versions": tools,
             "seed": plan.case.dem.seed if plan.model == "dem" else None,
             "wall_seconds": round(time.monotonic() - begun, 2),
+            "forecast_seconds": round(forecast(plan, known_rates()), 2),
             "figures": made.figures,
             "quality": [gate.as_dict() for gate in made.gates],
             "files": sorted(str(path.relative_to(aside)) for path in aside.rglob("*") if path.is_file()),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import datetime
@@ -10,9 +9,9 @@ from pathlib import Path
 
 from granpipe import __version__
 from granpipe.case import Case
-from granpipe.cores import usable_cores
 from granpipe.errors import DataError
 from granpipe.jsonfile import read_json, write_json
+from granpipe.machine import machine
 from granpipe.plan import Plan
 from granpipe.report import Section, duration, write_page
 from granpipe.study.budget import TOLERANCES, Option, Part, advise, pareto
@@ -65,8 +64,7 @@ def read_options(folder: Path) -> list[Option]:
 def study_intro(found: Findings) -> list[str]:
     """Where and when, and against what."""
     return [
-        f"Made on {datetime.now().astimezone():%Y-%m-%d} by granpipe {__version__} on {usable_cores()} cores "
-        f"({machine()}).",
+        f"Made on {datetime.now().astimezone():%Y-%m-%d} by granpipe {__version__} on {machine()}.",
         f"Reference: {found.reference}. Errors are E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells, A the area of "
         "each ring. Statistical: the standard error of the average. Systematic: the difference from the reference "
         "with the noise of both taken off, and its 95 % bound. Unresolved: smaller than its own uncertainty.",
@@ -253,7 +251,6 @@ def _stored(case: Case, found: Findings) -> dict[str, object]:
         "made": datetime.now().astimezone().isoformat(timespec="seconds"),
         "granpipe": __version__,
         "machine": machine(),
-        "cores": usable_cores(),
         **asdict(found),
     }
 
@@ -287,12 +284,3 @@ def _lever_row(lever: Lever) -> Row:
     for axis, parts in lever.parts.items():
         row |= {f"part.{axis}": parts["whole"].value, f"part.{axis}_95": parts["whole"].upper}
     return row | dict(lever.measures)
-
-
-def machine() -> str:
-    """The processor's name."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()

@@ -14,6 +14,8 @@ from pathlib import Path
 
 from granpipe.case import Case, resolve
 from granpipe.errors import CaseError
+from granpipe.machine import Rates
+from granpipe.machine import forecast as forecast_of
 from granpipe.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, variants
 from granpipe.study.ladder import Basis, Rung, affordable, check_axes, ladder
 from granpipe.study.variants import MAX_NAME, Variant
@@ -72,12 +74,13 @@ def study_name(case: Case) -> str:
     return case.name[: MAX_NAME - len(_ENDING)] + _ENDING
 
 
-def make_study(case: Case, hours: float, cores: int, axes: Sequence[str] = ()) -> Study:
+def make_study(case: Case, hours: float, cores: int, axes: Sequence[str] = (), rates: Rates | None = None) -> Study:
     """The ladder of a case that some hours on some cores allow; CaseError where not even the case itself is possible.
 
     Parameters
     ----------
     axes : those to go along, all unless some are named
+    rates : of this machine, where they are known
     """
     plans = variants(case)
     basis = _basis(case, plans)
@@ -87,7 +90,7 @@ def make_study(case: Case, hours: float, cores: int, axes: Sequence[str] = ()) -
         return _plan(settled, variant) is not None
 
     rungs = check_axes(ladder(settled, basis, fits), axes)
-    forecast = {rung.variant.name: _needed(settled, rung).seconds for rung in rungs}
+    forecast = {rung.variant.name: forecast_of(_needed(settled, rung), rates) for rung in rungs}
     kept, dropped = affordable(rungs, lambda rung: forecast[rung.variant.name], hours * 3600 * cores)
     cell = _common_cell([_needed(settled, rung) for rung in kept])
     settled = settled.varied({"homogenize.cell": repr(cell)})

@@ -47,7 +47,7 @@ def results(folder: Path) -> Path:
         "stages": [{"stage": "produce", "reason": "it widens"}],
         "warnings": ["narrow"],
         "outside_the_range": [],
-        "dem": {"choices": [{"name": "time_step", "value": "1e-4 s", "criterion": "damping"}], "seconds": 100.0},
+        "dem": {"choices": [{"name": "time_step", "value": "1e-4 s", "criterion": "damping"}]},
     }
     figures = {
         "statistical_error": {"whole": 0.034, "throat": 0.05},
@@ -59,6 +59,7 @@ def results(folder: Path) -> Path:
         "made": "2026-01-01",
         "granpipe": "0.1",
         "wall_seconds": 410.0,
+        "forecast_seconds": 100.0,
         "figures": figures,
         "quality": [{"name": "packing", "value": 0.58, "limit": "0.5 to 0.68", "passed": True}],
     }

@@ -1,0 +1,49 @@
+"""A short real run, from filling to averages, that tells how many particle-steps a second this machine makes."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from granpipe.case import Case, resolve
+from granpipe.chain import Standing
+from granpipe.cores import usable_cores
+from granpipe.jsonfile import read_json
+from granpipe.machine import Rates, keep_rates
+from granpipe.plan import make_plan
+from granpipe.progress import Progress
+from granpipe.simulate import simulate
+from granpipe.store import Store
+from granpipe.tools import library_versions, program_versions
+from granpipe.yamlfile import Places
+
+_COLUMN = {
+    # a straight column of some thousand spheres on a plate: about 1e7 particle-steps
+    "name": "calibration",
+    "outline": {"wall": [[0.1, 0.3], [0.1, 0.0]]},
+    "material": {"density": 1000, "size": {"diameter": 0.02}},
+    "contact": {"youngs_modulus": 1e6},
+    "flow_rate": "1 kg/h",
+    "model": "dem",
+    "dem": {"plate_speed": 0.05, "max_time": 0.4},
+}
+
+
+def calibration_case(ranks: int) -> Case:
+    """What is run."""
+    return resolve(dict(_COLUMN), Places("calibration"), {"dem.ranks": str(ranks)}).case
+
+
+def calibrate(progress: Progress) -> Rates:
+    """Run the column on one core, and on two where there are; keep the rates."""
+    return keep_rates({ranks: _rate(ranks, progress) for ranks in (1, 2) if ranks <= usable_cores()})
+
+
+def _rate(ranks: int, progress: Progress) -> float:
+    plan = make_plan(calibration_case(ranks))
+    with tempfile.TemporaryDirectory(prefix="granpipe-") as folder:
+        store = Store(Path(folder))
+        tools = library_versions() | program_versions(store.root / "programs.json")
+        (production,) = simulate(plan, store, tools, progress, lambda _: Standing())
+        settle = float(read_json(production.settled / "settle.json")["wall_seconds"])
+        return plan.particle_steps / (settle + float(production.reports()[-1]["wall_seconds"]))

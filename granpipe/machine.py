@@ -1,0 +1,90 @@
+"""How fast this machine is: rates measured once by `granpipe calibrate`, kept in the user's cache folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from granpipe.dem.settings import RATE
+from granpipe.plan import RANK_GAIN, Plan
+
+_FILE = "rates.json"
+
+
+def machine() -> str:
+    """The processor's name and how many cores the system lets this process use, whatever share of them it was given."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        name = next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        name = platform.processor() or platform.machine()
+    return f"{name}, {len(os.sched_getaffinity(0))} cores"
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Particle-steps per second of whole runs, filling and averaging included, by number of ranks; and since when."""
+
+    made: str
+    by_ranks: dict[int, float]
+
+    def of(self, ranks: int) -> float:
+        """With so many ranks; from the largest number that was measured, ranks beyond it at the usual efficiency."""
+        known = max(n for n in self.by_ranks if n <= ranks)
+        gain = 1.0 if known == ranks else RANK_GAIN * ranks / known
+        return self.by_ranks[known] * gain
+
+
+def known_rates() -> Rates | None:
+    """What has been measured on this machine; None where nothing has."""
+    try:
+        stored = _stored(_path())[machine()]
+        rates = {int(ranks): float(rate) for ranks, rate in stored["rates"].items()}
+        return Rates(str(stored["made"]), rates) if 1 in rates else None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def keep_rates(by_ranks: dict[int, float]) -> Rates:
+    """Keep what has been measured today, beside what other machines with the same cache have."""
+    rates, path = Rates(date.today().isoformat(), by_ranks), _path()
+    stored = {**_stored(path), machine(): {"made": rates.made, "rates": by_ranks}}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = path.with_name(f".{path.name}.{os.getpid()}")
+    aside.write_text(json.dumps(stored, indent=1))
+    aside.replace(path)
+    return rates
+
+
+def forecast(plan: Plan, rates: Rates | None) -> float:
+    """Wall time of a plan [s], at the rates of this machine where they are known."""
+    if rates is None:
+        return plan.seconds
+    if plan.settings is not None:
+        return plan.seconds * assumed_rate(plan.settings.ranks) / rates.of(plan.settings.ranks)
+    particles = sum(part.seconds for _, part in plan.parts)
+    return plan.seconds - particles + sum(forecast(part, rates) for _, part in plan.parts)
+
+
+def assumed_rate(ranks: int) -> float:
+    """What `Plan.seconds` goes by."""
+    return RATE * ranks * (RANK_GAIN if ranks > 1 else 1.0)
+
+
+def _stored(path: Path) -> dict[str, Any]:
+    """What is kept of every machine; nothing where the file is not there or damaged."""
+    try:
+        stored = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+    return stored if isinstance(stored, dict) else {}
+
+
+def _path() -> Path:
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(cache) / "granpipe" / _FILE
