@@ -13,7 +13,7 @@ from granpipe.errors import DataError
 from granpipe.jsonfile import read_json, write_json
 from granpipe.machine import machine
 from granpipe.plan import Plan
-from granpipe.report import Section, duration, write_page
+from granpipe.report import Section, duration, markdown, write_page
 from granpipe.study.budget import TOLERANCES, Option, Part, advise, pareto
 from granpipe.study.chart import draw_curves, draw_options
 from granpipe.study.table import Row, write_csv
@@ -39,7 +39,8 @@ def write_study(folder: Folder, case: Case, found: Findings, solves: Sequence[So
     draw_curves(
         _solve_curves(solves), "wall time of mesh and solve [s]", "error against the finest", root / "fluid.png"
     )
-    sections = study_sections(found, solves, other)
+    sections = list(study_sections(found, solves, other))
+    (root / "report.md").write_text("\n\n".join([*study_intro(found), markdown(sections)]), encoding="utf-8")
     charts = {"Error against time": "error_time.png", "Methods": "methods.png", "Finite elements": "fluid.png"}
     shown = [
         Section(s.title, s.text, [root / charts[s.title]] if s.title in charts else (), s.head, s.rows)

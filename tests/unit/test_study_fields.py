@@ -1,0 +1,95 @@
+"""Shorter averages and larger cells from the segments of a run that is done, and the time that they take."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granpipe.field import Field, Grid, divergence, flux_from_psi
+from granpipe.study_fields import Ran, refined
+
+
+@dataclass
+class Segment:
+    run: int
+    start: float
+    stop: float
+
+
+@dataclass
+class Chain:
+    """A production that only knows its clock."""
+
+    run: int
+    settled: Path
+    wall: list[float]
+
+    def sums(self):
+        return (Segment(self.run, float(number), number + 1.0) for number in range(len(self.wall)))
+
+    def reports(self):
+        return [{"wall_seconds": seconds, "ranks": 1} for seconds in self.wall]
+
+
+@pytest.fixture
+def settled(tmp_path: Path) -> Path:
+    (tmp_path / "settle.json").write_text(json.dumps({"wall_seconds": 3.0}))
+    return tmp_path
+
+
+def ran(*chains: Chain) -> Ran:
+    return Ran(plan=None, productions=chains)  # type: ignore[arg-type]
+
+
+def test_the_clock_goes_on_where_production_was_resumed(settled: Path) -> None:
+    made = ran(Chain(0, settled, [10.0, 20.0, 5.0, 15.0]))
+    assert made.clocks[0].tolist() == [13, 23, 28, 38]
+    assert made.seconds(2.0) == 23
+    assert made.seconds(3.0) == 28
+    assert made.seconds(np.inf) == 38
+
+
+def test_of_replicas_the_slowest_counts_and_every_core(settled: Path) -> None:
+    made = ran(Chain(0, settled, [10.0, 20.0]), Chain(1, settled, [11.0, 30.0]))
+    assert made.seconds(1.0) == 14
+    assert made.seconds(np.inf) == 33
+    assert made.cores == 2
+
+
+def test_averages_are_halved_until_they_have_no_error_bar(settled: Path) -> None:
+    made = ran(Chain(0, settled, [float(n) for n in range(1, 41)]))
+    assert made.ends == [40, 20, 10]
+
+
+def cone() -> tuple[Field, Grid]:
+    """ψ of a flow that narrows, on cells twice as large as those asked for."""
+    fine = Grid.covering(0.5, 0.0, 1.0, 0.025)
+    coarse = Grid(fine.r_edges[::2], fine.z_edges[::2])
+    psi = -0.1 * coarse.r_edges**2 * (1 + coarse.z_edges[:, None])
+    flux_r, flux_z = flux_from_psi(psi, coarse)
+    ones = np.ones(coarse.shape)
+    errors = np.full_like(flux_r, 0.1), np.full_like(flux_z, 0.2)
+    field = Field(
+        coarse, ones, ones > 0, flux_r, flux_z, 1.0, 1.0, 1.0, psi=psi, flux_r_se=errors[0], flux_z_se=errors[1]
+    )
+    return field, fine
+
+
+def test_a_field_of_large_cells_conserves_on_small_ones() -> None:
+    field, fine = cone()
+    made = refined(field, fine, np.ones(fine.shape), 2)
+    assert made.grid.shape == fine.shape
+    assert np.abs(divergence(made.flux_r, made.flux_z, fine)).max() < 1e-12
+    assert np.allclose(made.flux_z, -0.2 * (1 + fine.z_edges[:, None]))  # linear in r² and z: nothing is lost
+    assert made.flux_r_se is not None
+    assert made.flux_r_se.shape == made.flux_r.shape
+    assert np.all(made.flux_r_se == 0.1)
+
+
+def test_cells_as_they_are_stay_as_they_are() -> None:
+    field, fine = cone()
+    assert refined(field, fine, np.ones(fine.shape), 1) is field
