@@ -29,8 +29,9 @@ from granpipe.store import publishing
 
 _SEGMENTS = 20
 _MOST_THROUGH_SIDES = 0.01  # of the flow
-_LONGEST_TRAVEL = 0.5  # Sauter diameters between snapshots, for nearly all particles: paths are taken as straight
-_NEARLY_ALL = 0.99
+_LONGEST_TRAVEL = 1.0  # Sauter diameters between snapshots, for most particles: paths are taken as straight
+_MOST = 0.9
+_PAIRS = 5  # of snapshots, before their travel is judged: motion may come in bursts
 
 
 @dataclass(frozen=True)
@@ -141,9 +142,12 @@ def _segments(request: Request, collector: Collector, diameter: float) -> list[S
     through_depth = isinstance(collector.grid, Box) and not collector.grid.cut  # then y does not matter
     axes = [0, 2] if through_depth else [0, 1, 2]
     last: Snapshot | None = None
+    travel: list[float] = []
     for time, snapshot in _chosen(request):
         if by_path:
-            _check_paths(last, snapshot, diameter, axes)
+            travel += _travel(last, snapshot, axes)
+            if len(travel) >= _PAIRS:
+                _check_travel(travel, diameter)
         collector.add(time, snapshot)
         count += 1 if last is not None or not by_path else 0
         last = snapshot
@@ -157,6 +161,8 @@ def _segments(request: Request, collector: Collector, diameter: float) -> list[S
         parts = [*parts[:-1], merge([*parts[-1:], collector.take()])]
     if not parts:
         raise _NoPathsError("there is only one")
+    if travel:
+        _check_travel(travel, diameter)
     return parts
 
 
@@ -176,27 +182,32 @@ def _chosen(request: Request) -> Iterator[tuple[float, Snapshot]]:
         )
 
 
-def _check_paths(old: Snapshot | None, new: Snapshot, diameter: float, axes: list[int]) -> None:
-    """Refuse pairs of snapshots between which the way of a particle is not known."""
+def _travel(old: Snapshot | None, new: Snapshot, axes: list[int]) -> list[float]:
+    """How far most particles at most travel from the old snapshot to the new one [m]; nothing for the first one."""
     if "id" not in new.columns:
         raise _NoPathsError("the particles have no ids")
     number = new.id
     if len(np.unique(number)) != len(number):
         raise _NoPathsError(f"ids occur twice at step {new.step}")
     if old is None:
-        return
+        return []
     _, at_old, at_new = np.intersect1d(old.id, number, return_indices=True)
     if not len(at_old):
         raise _NoPathsError(f"steps {old.step} and {new.step} have no particle in common")
     path = np.abs(new.position[at_new] - old.position[at_old])[:, axes]
-    travel = float(np.quantile(np.linalg.norm(path, axis=1), _NEARLY_ALL))
-    if travel > _LONGEST_TRAVEL * diameter:
-        raise _NoPathsError(
-            f"between steps {old.step} and {new.step} particles travel up to {travel / diameter:.2g} diameters "
-            f"({_NEARLY_ALL:.0%} of them less); dump more often, {_LONGEST_TRAVEL:g} is the most"
-        )
     if (path > 0.5 * np.diff(new.box[axes], axis=1).T).any():
         raise _NoPathsError(f"particles leave on one side of the box and come back on the other at step {new.step}")
+    return [float(np.quantile(np.linalg.norm(path, axis=1), _MOST))]
+
+
+def _check_travel(travel: list[float], diameter: float) -> None:
+    """Refuse paths that are too long, in the mean over pairs of snapshots, to be taken as straight."""
+    mean = float(np.mean(travel)) / diameter
+    if mean > _LONGEST_TRAVEL:
+        raise _NoPathsError(
+            f"{_MOST:.0%} of the particles travel up to {mean:.2g} diameters between two of them, of which "
+            f"{_LONGEST_TRAVEL:g} is the most; dump more often"
+        )
 
 
 def write_field(field: Field, case: Case | None, folder: Path) -> None:

@@ -27,11 +27,11 @@ def wall(z):
 INSIDE = (GRID.r_edges[None, :-1] < wall(GRID.z_centres)[:, None] - 1e-9).astype(float)
 
 
-def averaged(seed, count, segments):
+def averaged(seed, count, segments, interval=INTERVAL, sampling="displacement"):
     """Segment sums of one independent run."""
-    collector, parts = Collector(GRID, "displacement"), []
-    for number, spheres in enumerate(snapshots(FLOW, np.array([RADIUS]), INTERVAL, count + 1, seed)):
-        collector.add(number * INTERVAL, Spheres(*spheres))
+    collector, parts = Collector(GRID, sampling), []
+    for number, spheres in enumerate(snapshots(FLOW, np.array([RADIUS]), interval, count + 1, seed)):
+        collector.add(number * interval, Spheres(*spheres))
         if number and number % (count // segments) == 0:
             parts.append(collector.take())
     return parts

@@ -121,7 +121,7 @@ def test_velocities_serve_where_particles_cannot_be_followed(dumps: tuple[Path, 
         "there is only one": request(dumps[:1]),
         "no ids": text_request(written(tmp_path / "none", COLUMNS[1:])),
         "ids occur twice": text_request((tmp_path / "twice" / "0.txt",)),
-        "diameters .* dump more often": request(dumps[::2]),
+        "diameters .* dump more often": request((dumps[0], dumps[-1])),
         "leave on one side of the box": text_request(written(tmp_path / "round", shift=0.7)),
     }
     for reason, asked in reasons.items():

@@ -56,6 +56,18 @@ def test_the_error_falls_with_the_length_of_the_run():
     assert means[1] < 0.75 * means[0]
 
 
+def test_straight_paths_of_a_diameter_do_not_bend_the_flow():
+    # the mean of several runs: what is left is mostly bias; over three diameters the paths cut the corners
+    fastest = 1.5 * FLOW.solids_flow / (np.pi * FLOW.lower_radius**2 * FLOW.packing)  # on the axis
+    bias = {}
+    for travel, sampling in ((1, "velocity"), (1, "displacement"), (3, "displacement")):
+        runs = [averaged(seed, 8, 1, travel * DIAMETER / fastest, sampling)[0].mean_flux for seed in range(300, 306)]
+        bias[travel, sampling] = errors_of(*(np.mean([run[k] for run in runs], axis=0) for k in (0, 1)))
+    for part in ("whole", "u"):
+        assert bias[1, "displacement"][part] < 1.5 * bias[1, "velocity"][part]
+    assert bias[3, "displacement"]["u"] > 3 * bias[1, "displacement"]["u"]
+
+
 def test_nominal_intervals_hold_the_truth_as_often_as_they_say():
     # over 20 independent runs: of the faces with more than 5 % of the mean flux, 90–99 % within Student's 95 %
     mean = np.sqrt(np.average(TRUTH[1] ** 2, weights=np.broadcast_to(GRID.ring_area, TRUTH[1].shape)))
