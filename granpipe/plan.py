@@ -324,7 +324,8 @@ class _Scene:
 
     def _results(self, model: Model) -> Stage:
         figures = [f"figures: {name}" for name in self.case.figures if name == "rz" or model != "fluid"]
-        return Stage("results", ", ".join(["field.npz", *self.case.export, *figures]))
+        fields = [name for name in self.case.homogenize.fields if model == "dem" or name == "residence_time"]
+        return Stage("results", ", ".join(["field.npz", *fields, *self.case.export, *figures]))
 
     def _opening_cell(self) -> float:
         return min(passage.gap for passage in self.passages) / CELLS_PER_OPENING

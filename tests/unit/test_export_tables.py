@@ -87,9 +87,11 @@ def test_a_fluid_leaves_out_what_only_particles_tell():
     case = load_case(
         ROOT / "cases" / "hopper.yaml", {"homogenize.fields": "[wall_slip, residence_time, particle_velocity]"}
     )
-    left = {stage.name for stage in make_plan(case).left_out}
+    plan = make_plan(case)
+    left = {stage.name for stage in plan.left_out}
     assert {"wall_slip", "particle_velocity"} <= left
     assert "residence_time" not in left
+    assert "field.npz, residence_time, comsol" in plan.stages[-1].reason
 
 
 def test_sub_models_of_a_hybrid_collect_nothing_more():

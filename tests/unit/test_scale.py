@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,15 @@ def test_the_scaled_field_carries_the_flow_asked_for(results: Path, tmp_path: Pa
     field = Field.load(tmp_path / "out" / "field.npz")
     assert field.bulk_flow * field.flow_scale == pytest.approx(0.002)
     assert (tmp_path / "out" / "comsol" / "psi_grid.txt").is_file()
+
+
+def test_times_go_down_as_the_flow_goes_up(results: Path, tmp_path: Path) -> None:
+    field = Field.load(results / "field.npz")
+    extra = {"residence_within": np.array([0.5]), "residence_time": np.array([7.8])}
+    replace(field, extra=extra).save(results / "field.npz")
+    scale_results(results, case_at("7.2 m^3/h"), tmp_path / "out")
+    row = (tmp_path / "out" / "residence_time.csv").read_text().splitlines()[1]
+    assert row.split(",")[:2] == ["0.5", "3900"]  # at 0.002 m³/s in place of 1
 
 
 def test_a_flow_near_free_discharge_is_warned_about(results: Path, tmp_path: Path) -> None:
