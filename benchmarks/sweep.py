@@ -22,7 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
-from cluster.two_nodes import missing, two_nodes, wait_for  # noqa: E402
+from cluster.two_nodes import two_nodes, wait_for  # noqa: E402
 
 SWEEP = """\
 name: many
@@ -108,29 +108,44 @@ def processor() -> str:
     return found[1] if found else platform.processor()
 
 
+def measure(parts: list[str], numbers: list[int]) -> dict[str, list[str]]:
+    """Part of the page → its rows."""
+    folder = Path(tempfile.mkdtemp(prefix="sweep-"))
+    (folder / "slurm").mkdir()
+    try:
+        found = {}
+        if "local" in parts:
+            single = alone(folder)
+            found["alone"] = [f"{single.wall:.1f} s of wall time and {single.cpu:.2f} s of processor time"]
+            found["local"] = [local_row(folder, number) for number in numbers]
+        if "slurm" in parts:
+            found["slurm"] = [slurm_row(folder, number) for number in numbers]
+        return found
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--points", type=int, nargs="+", default=[100, 1000])
+    parser.add_argument("--parts", nargs="+", default=["local", "slurm"], help="measure these, keep the others")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks_sweep.md")
     options = parser.parse_args()
-    folder = Path(tempfile.mkdtemp(prefix="sweep-"))
-    try:
-        (folder / "slurm").mkdir()
-        single = alone(folder)
-        local = [local_row(folder, number) for number in options.points]
-        slurm = [] if missing() else [slurm_row(folder, number) for number in options.points]
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    options.out.write_text(page(single, local, slurm))
+    kept = ROOT / "results" / "benchmarks_sweep.json"
+    rows = json.loads(kept.read_text()) if kept.exists() else {}
+    rows |= measure(options.parts, options.points)
+    kept.parent.mkdir(exist_ok=True)
+    kept.write_text(json.dumps(rows))
+    options.out.write_text(page(rows.get("alone", ["?"])[0], rows.get("local", []), rows.get("slurm", [])))
 
 
-def page(single: Cost, local: list[str], slurm: list[str]) -> str:
+def page(single: str, local: list[str], slurm: list[str]) -> str:
     return f"""\
 # What a sweep costs beside its work
 
 Made by `benchmarks/sweep.py` on {date.today()}: {os.cpu_count()} cores, {processor()}, shared with other work. Points
 of `cases/hopper.yaml` without pictures and export files, each with another wall factor. A run of its own takes
-{single.wall:.1f} s of wall time and {single.cpu:.2f} s of processor time, most of it for starting Python and importing
+{single}, most of it for starting Python and importing
 what it needs; in a worker that takes up to 25 points that is shared.
 
 ## On this machine
