@@ -78,13 +78,17 @@ def produced(stages: list[str]) -> str:
     return line
 
 
-FAULTS = {
+ENDINGS = {
     "early": r"ended with status 0 .* did not reach the end of its deck",
     "killed": r"was killed by signal 9",
     "error": r"ERROR: Lost atoms",
     "hang": r"no new step for \d+ s, \d+ s allowed: it hangs",
     "endless": r"it printed \d+ MB: it repeats itself without end",
     "truncated": r"snapshot\.\d+\.bin is incomplete though LIGGGHTS has reached step \d+",
+}
+"""How LIGGGHTS may fail to work on."""
+
+UNPHYSICAL = {
     "lost": r"particle balance does not close: (\d+) present before \+ 0 inserted − 0 discharged ≠ \d+ present",
     "blow-up": r"kinetic energy is .* J/kg at the most: the contacts are unstable; make dem\.time_step smaller",
     "nan": r"kinetic energy is nan",
@@ -95,10 +99,8 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_named_within_seconds_keeps_its_evidence_and_costs_nothing(
-    tiny: Path, results: Path, unbroken: Path, monkeypatch: pytest.MonkeyPatch, fault: str
-) -> None:
+def failed(tiny: Path, results: Path, monkeypatch: pytest.MonkeyPatch, fault: str, words: str) -> Path:
+    """Run into a fault in the fourth segment; the folder with its evidence."""
     monkeypatch.setattr(run_module, "_LEAST_SILENCE", 1.0)
     monkeypatch.setattr(run_module, "_SLOWER", 2)
     monkeypatch.setenv("FAKE_LIGGGHTS", f"{fault}@4")
@@ -107,10 +109,19 @@ def test_a_fault_is_named_within_seconds_keeps_its_evidence_and_costs_nothing(
     error = fails(tiny, results)
     assert time.monotonic() - begun < 30
     assert error.exit_status == 3
-    assert re.search(FAULTS[fault], str(error)), str(error)
+    assert re.search(words, str(error)), str(error)
+    assert all_gone(results)
     evidence = Path(str(error).rpartition("evidence: ")[2])
     assert {"produce.in", "output.txt"} <= {path.name for path in evidence.iterdir()}
-    assert all_gone(results)
+    assert list(evidence.glob("snapshot.*.bin"))
+    return evidence
+
+
+@pytest.mark.parametrize("fault", ENDINGS)
+def test_however_liggghts_ends_it_is_named_and_nothing_is_lost(
+    tiny: Path, results: Path, unbroken: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    evidence = failed(tiny, results, monkeypatch, fault, ENDINGS[fault])
     done = contents(chain(results))
     monkeypatch.delenv("FAKE_LIGGGHTS")
     _, stages = run(read_case(tiny), results)
@@ -119,6 +130,13 @@ def test_a_fault_is_named_within_seconds_keeps_its_evidence_and_costs_nothing(
     assert_same_field(results, unbroken)
     assert not evidence.exists()
     assert len(segments(results)) == len(segments(unbroken))
+
+
+@pytest.mark.parametrize("fault", UNPHYSICAL)
+def test_what_is_not_physics_is_stopped_within_seconds_with_its_evidence(
+    tiny: Path, results: Path, monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    failed(tiny, results, monkeypatch, fault, UNPHYSICAL[fault])
 
 
 def test_a_bed_that_never_rests_is_refused_with_the_remedy_and_leaves_its_log(
@@ -173,8 +191,16 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-@pytest.mark.parametrize("name", ["restart", "sums.npz", "hashes.json", "segment.json"])
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        *(("restart", damage) for damage in DAMAGES),
+        ("snapshot.bin", "short"),
+        ("sums.npz", "flipped"),
+        ("segment.json", "empty"),
+        ("hashes.json", "short"),
+    ],
+)
 def test_of_a_damaged_checkpoint_the_one_before_is_used(
     tiny: Path, cut: Path, unbroken: Path, tmp_path: Path, name: str, damage: str
 ) -> None:
@@ -234,12 +260,12 @@ def ended_at_random(tiny: Path, results: Path, rng: random.Random, by: str) -> N
     assert all_gone(results)
 
 
-@pytest.mark.parametrize("by", ["SIGKILL", "SIGINT", "SIGTERM", "liggghts"])
-def test_ended_again_and_again_at_random_moments_a_run_ends_as_if_unbroken(
-    tiny: Path, results: Path, unbroken: Path, by: str
+@pytest.mark.parametrize(("by", "times"), [("SIGKILL", 2), ("liggghts", 2), ("SIGINT", 1), ("SIGTERM", 1)])
+def test_ended_at_random_moments_a_run_ends_as_if_unbroken(
+    tiny: Path, results: Path, unbroken: Path, by: str, times: int
 ) -> None:
     rng = random.Random(by)
-    for _ in range(2):
+    for _ in range(times):
         done = contents(chain(results)) if list((results / ".store").glob("produce-*/")) else {}
         ended_at_random(tiny, results, rng, by)
         assert contents(chain(results)).items() >= done.items()
