@@ -15,7 +15,7 @@ _COLUMNS = 6
 
 def read_wall_contacts(path: Path) -> tuple[Array, Array]:
     """Points (n, 3) [m] of the contacts in one snapshot and forces (n, 3) [N] on the particles."""
-    lines = path.read_text().splitlines()
+    lines = path.read_text(encoding="ascii", errors="replace").splitlines()
     if len(lines) < _HEAD or not lines[2].startswith("ITEM: NUMBER OF ENTRIES"):
         raise DataError(f"{path}: not a dump of contacts with walls, or cut short")
     try:

@@ -16,6 +16,7 @@ from fuzz.mutate import BINARY, TEXT, inputs
 
 from granpipe.case import read_case
 from granpipe.dem.dump import first_step, is_complete, read_dump
+from granpipe.dem.wall_contacts import read_wall_contacts
 from granpipe.errors import CaseError, DataError, GranpipeError
 from granpipe.plan import make_plan
 
@@ -96,3 +97,12 @@ def test_the_limits_are_at_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         check_all(tmp_path / "x", iter([b"x"]), hang, GranpipeError)
     with pytest.raises(MemoryError):
         check_all(tmp_path / "x", iter([b"x"]), lambda _: np.ones(10**9), GranpipeError)
+
+
+def test_contacts_with_walls(tmp_path: Path, fuzz_inputs: int) -> None:
+    rows = "".join(f"{' '.join(f'{value:g}' for value in row)} \n" for row in spheres(20)[:, 2:8])
+    head = "ITEM: TIMESTEP\n250\nITEM: NUMBER OF ENTRIES\n20\nITEM: BOX BOUNDS ff ff ff\n" + 3 * "-1 1\n"
+    whole = f"{head}ITEM: ENTRIES c_contacts[1] c_contacts[2]\n{rows}".encode()
+    damaged = inputs(SEED, [whole], TEXT, fuzz_inputs)
+    refused = check_all(tmp_path / "contacts.txt", damaged, read_wall_contacts, DataError)
+    assert 0.3 * fuzz_inputs < refused < fuzz_inputs
