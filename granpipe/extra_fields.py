@@ -109,5 +109,11 @@ def particle_velocity(field: Field) -> tuple[Array, Array]:
     assert field.packing_fraction is not None
     solids = field.packing_fraction * field.inside_fraction  # per whole cell, as the flux is
     moving = field.bulk & (solids > 0)
-    u, w = 0.5 * (field.flux_r[:, 1:] + field.flux_r[:, :-1]), 0.5 * (field.flux_z[1:] + field.flux_z[:-1])
-    return tuple(np.divide(flux, solids, out=np.zeros_like(flux), where=moving) for flux in (u, w))  # type: ignore[return-value]
+
+    def per_solids(flux: Array) -> Array:
+        return np.divide(flux, solids, out=np.zeros_like(flux), where=moving)
+
+    return (
+        per_solids(0.5 * (field.flux_r[:, 1:] + field.flux_r[:, :-1])),
+        per_solids(0.5 * (field.flux_z[1:] + field.flux_z[:-1])),
+    )
