@@ -11,13 +11,14 @@ CLUSTER ?= cluster.yaml
 VENV := .venv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ready run sweep status cancel test test-cluster verify fuzz stability benchmarks docs lock clean
+.PHONY: help setup ready run sweep status cancel study test test-cluster verify fuzz stability benchmarks docs lock clean
 
 help:
 	@echo 'make setup       Debian packages that are missing, and the virtual environment .venv'
 	@echo 'make run         setup, then granpipe run $$(CASE) [$(CASE)]'
 	@echo 'make sweep       setup, then granpipe sweep $$(SWEEP) --on $$(ON) [$(SWEEP), $(ON)]'
 	@echo 'make status      how the points of $$(SWEEP) stand; make cancel ends them'
+	@echo 'make study       setup, then a small study of the smoke scene: error against time; a few minutes'
 	@echo 'make test        setup, then ruff, mypy and every test that is not slow'
 	@echo 'make test-cluster  setup, a Slurm of two nodes on this machine (as root), and a sweep on it'
 	@echo 'make verify      setup, then the slow tests, and fuzz'
@@ -46,6 +47,12 @@ sweep: ready
 
 status cancel: ready
 	$(GRANPIPE) $@ $(SWEEP)
+
+# particles of 2 cm stand for those of 1.8 cm
+study: ready
+	$(GRANPIPE) study cases/smoke.yaml --hours 0.06 --axis coarse_grain_factor --axis plate_speed --axis replicas \
+	    --set 'material.size={diameter: 1.8 cm}' --set dem.coarse_grain_factor=1.111 \
+	    --set 'dem.max_time=4 s' --set 'homogenize.start=1 s'
 
 test: setup
 	$(VENV)/bin/ruff check

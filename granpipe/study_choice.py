@@ -11,7 +11,7 @@ from typing import Any
 from granpipe.case import Case, CaseFile, resolve
 from granpipe.errors import CaseError
 from granpipe.jsonfile import read_json
-from granpipe.study.budget import Option, advise
+from granpipe.study.budget import PLAIN, Option, advise
 from granpipe.study_report import read_options
 from granpipe.study_sweep import study_name
 from granpipe.yamlfile import Places
@@ -27,8 +27,6 @@ _SETTLED = (
     ("homogenize", "method"),
 )
 """What the study had settled for the case; the option's own changes come on top."""
-
-_NOT_RUN = "raw"  # the plain average is shown for comparison: no run gives it as its field
 
 
 @dataclass(frozen=True)
@@ -72,10 +70,10 @@ def choose(file: CaseFile, results: Path, tolerance: float) -> Chosen:
     if _scene(studied) != _scene(file.case.model_dump(mode="json", exclude_none=True)):
         message = f"{folder} is a study of another vessel or material; run granpipe study again"
         raise CaseError(message, place="--total-error")
-    options = [option for option in read_options(folder) if option.method != _NOT_RUN]
+    options = read_options(folder)
     advice = advise(options, tolerance)
     if advice.option is None:
-        best = min(option.error().value for option in options)
+        best = min(option.error().value for option in options if option.method != PLAIN)
         message = f"no option of {folder} is within {tolerance:.2g}; the best has {best:.2g}"
         raise CaseError(message, place="--total-error")
     return Chosen(_with(file.case, studied, advice.option), advice.option, advice.proven)

@@ -181,7 +181,9 @@ class Study:
         self.levels = case.outline.levels
         particles = [point for point in points if point.ran and point.field.flux_z_se is not None]
         if not particles:
-            raise DataError("no point of the study has an error bar: average longer (dem.max_time)")
+            raise DataError(
+                "no DEM run of the study has an error bar: give more --hours, or average longer (dem.max_time)"
+            )
         self.reference = min(particles, key=_goodness)
         self.base = points[0]
 

@@ -12,6 +12,9 @@ from scipy.special import chdtri
 TOLERANCES = (0.02, 0.05, 0.1, 0.2)
 """Total errors for which a setting is recommended."""
 
+PLAIN = "raw"
+"""The plain average: shown to compare with, but no run gives it as its field, so it is not advised."""
+
 
 @dataclass(frozen=True)
 class Part:
@@ -26,6 +29,8 @@ class Part:
         return 2 * self.value**2 > self.upper**2
 
     def __str__(self) -> str:
+        if self.upper == 0:
+            return "0"
         return f"{self.value:.1%}" if self.resolved else f"unresolved, below {self.upper:.1%}"
 
 
@@ -98,7 +103,11 @@ class Advice:
 def advise(options: Sequence[Option], tolerance: float, section: str = "whole") -> Advice:
     """The cheapest option that is good enough, beyond doubt if there is one."""
     for proven in (True, False):
-        good = [o for o in options if (e := o.error(section)) and (e.upper if proven else e.value) <= tolerance]
+        good = [
+            o
+            for o in options
+            if o.method != PLAIN and (e := o.error(section)) and (e.upper if proven else e.value) <= tolerance
+        ]
         if good:
             return Advice(tolerance, min(good, key=lambda o: o.core_seconds), proven)
     return Advice(tolerance, None, proven=False)

@@ -72,6 +72,11 @@ def test_without_proof_the_estimate_decides_and_the_advice_says_so() -> None:
     assert not advice.proven
 
 
+def test_the_plain_average_is_never_advised() -> None:
+    plain = Option("a", "raw", 1.0, 1.0, 1, {"whole": 0.01}, math.inf, {"whole": Part(0.0, 0.0)})
+    assert advise([plain, option("b", 9, 0.01, 0.0)], 0.05).option is not plain
+
+
 def test_nothing_is_advised_where_nothing_is_good_enough() -> None:
     assert advise([option("bad", 1, 0.3, 0.0)], 0.05).option is None
 
