@@ -334,7 +334,7 @@ def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path,
 
     What is done is not repeated, and what is in the queue is not submitted again.
     """
-    from granpipe.sweep import prepare
+    from granpipe.sweep_points import prepare
     from granpipe.sweepfile import read_profile, read_sweep
 
     if dry_run:
@@ -419,7 +419,8 @@ def study(
 @click.option("--ranks", type=click.IntRange(1), default=1)
 def points(folder: Path, names: tuple[str, ...], ranks: int) -> None:
     """Run points of a sweep one after the other: what its workers and jobs do."""
-    from granpipe.sweep import Folder, run_points
+    from granpipe.sweep import Folder
+    from granpipe.sweep_points import run_points
 
     with _Console() as console:
         run_points(Folder(folder), names, ranks, console)

@@ -32,6 +32,7 @@ from granpipe.study_fields import PSI, Method, Ran, field_of, methods_of
 from granpipe.study_measures import Scene
 from granpipe.study_sweep import particle_plans
 from granpipe.sweep import Folder
+from granpipe.sweep_points import point_case
 from granpipe.tools import library_versions, program_versions
 
 Parts = dict[str, Part]
@@ -150,7 +151,7 @@ def load_points(folder: Folder, progress: Progress) -> list[Point]:
 def _point(
     folder: Folder, name: str, axis: str, forecast: float | None, store: Store, tools: Mapping[str, str]
 ) -> Point:
-    file = folder.file(name, ranks="1")
+    file = point_case(folder, name, ranks=1)
     plan, results = plan_case(file), folder.points / name
     field = Field.load(results / "field.npz")
     seconds, cores, ran = float(read_json(results / "provenance.json")["wall_seconds"]), 1, None

@@ -14,7 +14,8 @@ from granpipe.study_report import write_study
 from granpipe.study_results import Study as Comparison
 from granpipe.study_results import load_points
 from granpipe.study_sweep import Study
-from granpipe.sweep import Folder, Point, prepare
+from granpipe.sweep import Folder
+from granpipe.sweep_points import Point, prepare
 from granpipe.sweep_status import Standing, standings
 
 

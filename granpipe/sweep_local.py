@@ -21,7 +21,8 @@ from granpipe.errors import CaseError
 from granpipe.progress import Progress
 from granpipe.study.pool import Task, run_together
 from granpipe.study.state import State
-from granpipe.sweep import Folder, Point
+from granpipe.sweep import Folder
+from granpipe.sweep_points import Point
 
 CHUNK = 25
 """Points without particles that one worker takes."""

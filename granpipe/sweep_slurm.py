@@ -6,7 +6,6 @@ jobs. No accounting and no database are needed, and scripts and lists of points 
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import socket
@@ -19,9 +18,10 @@ from granpipe.errors import RunError
 from granpipe.jsonfile import read_json
 from granpipe.progress import Progress
 from granpipe.study import slurm
-from granpipe.study.slurm import Element
-from granpipe.sweep import Folder, Point, replace_text
+from granpipe.sweep import Folder
 from granpipe.sweep_local import CHUNK
+from granpipe.sweep_points import Point
+from granpipe.sweep_queue import jobs_of, queued, write_jobs
 from granpipe.sweepfile import Profile
 
 _LEAST = 5
@@ -46,26 +46,12 @@ def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: 
             job = _submit_points(folder, scripts, lines, ranks, profile)
             jobs.append({"job": job, "points": [line.split() for line in lines]})
             progress.note(f"job {job}: {sum(map(len, map(str.split, lines)))} points in {len(lines)} elements")
-            _write_jobs(folder, [*_jobs(folder), jobs[-1]])
+            write_jobs(folder, [*jobs_of(folder), jobs[-1]])
         active = sorted({element.job.split("_")[0] for element in waiting.values()} | {str(job["job"]) for job in jobs})
         path = _write(scripts / "reduce.sh", "reduce.sh.j2", folder, profile, {})
         reduce = slurm.submit(path, f"--dependency=afterany:{':'.join(active)}")
         progress.note(f"job {reduce}: table and chart, when the others have ended")
         return [*(str(job["job"]) for job in jobs), reduce]
-
-
-def queued(folder: Folder) -> dict[str, Element]:
-    """Points that are in Slurm's queue, waiting or running, with the element of the array that has them."""
-    jobs = _jobs(folder)
-    if not jobs or not slurm.is_here():  # results may be looked at elsewhere
-        return {}
-    lines = {str(job["job"]): job["points"] for job in jobs}
-    found: dict[str, Element] = {}
-    for element in slurm.queue():
-        job, _, index = element.job.partition("_")
-        if job in lines and index.isdigit():
-            found |= dict.fromkeys(lines[job][int(index) - 1], element)
-    return found
 
 
 def cancel(folder: Folder) -> str:
@@ -144,12 +130,3 @@ def _next_folder(folder: Folder) -> Path:
     path = root / str(number)
     path.mkdir()
     return path
-
-
-def _jobs(folder: Folder) -> list[dict[str, Any]]:
-    file = folder.root / "slurm" / "jobs.json"
-    return list(read_json(file)["jobs"]) if file.exists() else []
-
-
-def _write_jobs(folder: Folder, jobs: list[dict[str, Any]]) -> None:
-    replace_text(folder.root / "slurm" / "jobs.json", json.dumps({"jobs": jobs}))

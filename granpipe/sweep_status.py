@@ -13,7 +13,7 @@ from granpipe.study import slurm
 from granpipe.study.slurm import Element
 from granpipe.study.state import State
 from granpipe.sweep import Folder
-from granpipe.sweep_slurm import queued
+from granpipe.sweep_queue import queued
 
 Word = Literal["done", "running", "waiting", "failed", "missing"]
 

@@ -10,8 +10,10 @@ from granpipe.errors import RunError
 from granpipe.progress import Silent
 from granpipe.study import slurm
 from granpipe.study.slurm import Element
-from granpipe.sweep import Folder, Point
-from granpipe.sweep_slurm import queued, submit
+from granpipe.sweep import Folder
+from granpipe.sweep_points import Point
+from granpipe.sweep_queue import queued
+from granpipe.sweep_slurm import submit
 from granpipe.sweepfile import Profile
 
 

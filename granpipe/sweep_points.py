@@ -1,0 +1,99 @@
+"""The points of a sweep: each checked and planned before any is run, and run one after the other in a worker."""
+
+from __future__ import annotations
+
+import copy
+import json
+import traceback
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+from granpipe.case import CaseFile, resolve
+from granpipe.errors import CaseError, GranpipeError
+from granpipe.pipeline import plan_case, run_case
+from granpipe.progress import Both, Progress
+from granpipe.store import Store
+from granpipe.study.state import Recorder
+from granpipe.study.variants import Variant
+from granpipe.sweep import Folder, replace_text
+from granpipe.sweepfile import Sweep
+from granpipe.yamlfile import Places, parse_yaml, text_of
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point that is to be run: `ranks` that its case gives (0: auto), and whether it has particles."""
+
+    name: str
+    ranks: int
+    particles: bool
+
+
+def point_case(folder: Folder, name: str, ranks: int | None = None) -> CaseFile:
+    """The case of a point, with `ranks` MPI ranks where they are given; CaseError where it is wrong."""
+    data, places = copy.deepcopy(_parsed(folder.text, folder.case.name))
+    more = {} if ranks is None else {"dem.ranks": str(ranks)}
+    return resolve(data, places, folder.variants[name].changes | {"name": name} | more)
+
+
+@cache
+def _parsed(text: str, file: str) -> tuple[dict[str, Any], Places]:
+    return parse_yaml(text, file)
+
+
+def prepare(sweep: Sweep, results: Path) -> tuple[Folder, list[Point]]:
+    """Write down what is to be run; return the points whose results are missing, each checked and planned."""
+    folder = Folder(results / sweep.name)
+    if (folder.root / "provenance.json").exists():
+        raise CaseError(f"{folder.root} holds the results of a case; name the sweep otherwise", ("name",), "sweep")
+    for path in (folder.root / "state", folder.points):
+        path.mkdir(parents=True, exist_ok=True)
+    plan = {
+        "axes": sweep.axes,
+        "chart": sweep.chart,
+        "table": sweep.table,
+        "points": [asdict(variant) for variant in sweep.variants],
+    }
+    replace_text(folder.case, text_of(sweep.case))
+    replace_text(folder.root / "points.json", json.dumps(plan, indent=1, ensure_ascii=False))
+    missing = [variant for variant in sweep.variants if not folder.is_done(variant.name)]
+    return folder, [_point(sweep, folder, variant) for variant in missing]
+
+
+def _point(sweep: Sweep, folder: Folder, variant: Variant) -> Point:
+    try:
+        ranks = point_case(folder, variant.name).case.dem.ranks
+        plan = plan_case(
+            point_case(folder, variant.name, ranks=1)
+        )  # they may be too many for this machine, but run elsewhere
+    except CaseError as error:
+        raise sweep.explain(error, variant) from None
+    return Point(variant.name, 0 if ranks == "auto" else ranks, plan.settings is not None or bool(plan.parts))
+
+
+def run_points(folder: Folder, names: Iterable[str], ranks: int, progress: Progress) -> None:
+    """Run points one after the other in this process; what goes wrong is noted in the point's state, not raised."""
+    for name in names:
+        if name not in folder.variants or folder.is_done(name):
+            progress.note(f"{name}: done before, or no point of this sweep any more")
+            continue
+        progress.note(f"{name}: {folder.variants[name].changes}")
+        recorder = Recorder(folder.state_file(name), folder.key(name))
+        both = Both(progress, recorder)
+        store = Store(folder.root.parent / ".store", waiting=partial(both.stage, "waiting"))
+        try:
+            outcome = run_case(point_case(folder, name, ranks), folder.points, both, store)
+        except KeyboardInterrupt:
+            recorder.failed("interrupted")
+            raise
+        except (GranpipeError, OSError) as error:
+            recorder.failed(str(error))
+            progress.note(f"{name}: {error}")
+        except Exception as error:
+            recorder.failed(f"{type(error).__name__}: {error}; this is a fault of granpipe, its log tells more")
+            progress.note(traceback.format_exc())
+        else:
+            recorder.done(tuple(map(str, outcome.failed)))
