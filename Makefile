@@ -21,7 +21,7 @@ help:
 	@echo 'make study       setup, then a small study of the smoke scene: error against time; a few minutes'
 	@echo 'make test        setup, then ruff, mypy and every test that is not slow'
 	@echo 'make test-cluster  setup, a Slurm of two nodes on this machine (as root), and a sweep on it'
-	@echo 'make verify      setup, then the slow tests, and fuzz'
+	@echo 'make verify      setup, then the slow tests, fuzz and test-cluster'
 	@echo 'make fuzz        setup, then 100 000 damaged inputs for each reader'
 	@echo 'make stability   setup, then the stability suite, half an hour; writes docs/stability.md'
 	@echo 'make benchmarks  setup, then everything in benchmarks/; writes docs/benchmarks*.md'
@@ -64,7 +64,7 @@ test-cluster: setup
 	.ci/cluster
 	$(VENV)/bin/python -m pytest -m cluster -x
 
-verify: setup fuzz
+verify: setup fuzz test-cluster
 	$(VENV)/bin/python -m pytest -m slow
 
 fuzz: setup

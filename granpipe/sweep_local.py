@@ -23,6 +23,7 @@ from granpipe.study.pool import Task, run_together
 from granpipe.study.state import State
 from granpipe.sweep import Folder
 from granpipe.sweep_points import Point
+from granpipe.sweep_queue import queued
 
 CHUNK = 25
 """Points without particles that one worker takes."""
@@ -33,7 +34,12 @@ _PR_SET_PDEATHSIG = 1
 
 
 def run_here(folder: Folder, points: Sequence[Point], cores: int, progress: Progress) -> None:
-    """Run points in worker processes that keep at most `cores` cores busy; a point that fails is noted in its state."""
+    """Run points in worker processes that keep at most `cores` cores busy; a point that fails is noted in its state.
+
+    Those that a cluster has in its queue are left to it.
+    """
+    elsewhere = queued(folder)
+    points = [point for point in points if point.name not in elsewhere]
     if (most := max((point.ranks for point in points), default=0)) > cores:
         raise CaseError(f"{most} ranks, but there are {cores} cores here", ("dem", "ranks"))
     progress.stage(f"sweep {folder.name}", f"{len(points)} points to run on {cores} cores")
