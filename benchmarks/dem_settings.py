@@ -53,12 +53,12 @@ def main() -> None:
     parser.add_argument("--results", type=Path, default=ROOT / "results" / "dem_settings")
     parser.add_argument("--stiffness-travel", type=float, default=0.15, help="averaged plate travel [m]")
     parser.add_argument("--stiffest-travel", type=float, default=0.08, help="the same, of the stiffest [m]")
-    parser.add_argument("--speed-travel", type=float, default=0.6, help="averaged plate travel [m]")
+    parser.add_argument("--speed-travel", type=float, default=0.35, help="averaged plate travel [m]")
     options = parser.parse_args()
     base = read_case(SCENE, {"dem.ranks": "1", "figures": "[]", "export": "[]"})
     speed = make_plan(base.case).dem.plate_speed
     fast = {
-        factor: run(options.results, base, f"speed-{factor:g}", factor * speed, options.speed_travel, "auto")
+        factor: run(options.results, base, f"speed-{100 * factor:.0f}", factor * speed, options.speed_travel, "auto")
         for factor in SPEEDS
     }
     travels = [options.stiffness_travel] * (len(MODULI) - 1) + [options.stiffest_travel]

@@ -216,24 +216,26 @@ def compare(one: Path, other: Path, tolerance: str) -> None:
 
 @main.command()
 @_RESULTS
+@click.option("--done", is_flag=True, help="Run nothing; write the table of the rows that are done.")
 @click.option(
     "--quick", is_flag=True, help="A few rows only: the automatic settings, a breach of each kind, a refusal."
 )
 @click.option(
     "--out", type=click.Path(path_type=Path), help="Folder for stability.md and its map; default: with the rows."
 )
-def stability(results: Path, quick: bool, out: Path | None) -> None:
+def stability(results: Path, quick: bool, done: bool, out: Path | None) -> None:
     """Run the stability suite: is what granpipe says of extreme settings true?
 
     Rows that are done are not repeated: delete RESULTS/stability to begin anew. All take half an hour of one core.
     """
     from granpipe.cores import usable_cores
-    from granpipe.stability import run_suite, write_page
+    from granpipe.stability import is_done, run_suite, write_page
     from granpipe.study.stability import rows, subset
 
     folder = results / "stability"
     with _Console() as console:
-        judged = run_suite(subset(rows()) if quick else rows(), folder, usable_cores(), console)
+        wanted = [row for row in (subset(rows()) if quick else rows()) if not done or is_done(row, folder)]
+        judged = run_suite(wanted, folder, usable_cores(), console)
     click.echo(f"table in {write_page(judged, folder, out or folder)}")
     wrong = [one for one in judged if one.wrong]
     for one in wrong:

@@ -51,7 +51,7 @@ Work = Generator[object, None, None]
 def run_suite(rows: Sequence[Row], folder: Path, cores: int, progress: Progress) -> list[Judged]:
     """Run the rows that are not done; return all of them, judged."""
     progress.stage("stability", f"{len(rows)} rows")
-    todo = [row for row in rows if not _is_done(folder / row.name)]
+    todo = [row for row in rows if not is_done(row, folder)]
     done = len(rows) - len(todo)
 
     def finished(row: Row) -> None:
@@ -70,8 +70,9 @@ def _ranks(row: Row) -> int:
     return int(row.changes.get("dem.ranks", "1"))
 
 
-def _is_done(folder: Path) -> bool:
-    return (folder / "rest.json").is_file() and (folder / "verdict.json").is_file()
+def is_done(row: Row, folder: Path) -> bool:
+    """Whether a row need not be run again."""
+    return all((folder / row.name / name).is_file() for name in ("rest.json", "verdict.json"))
 
 
 def _judged(row: Row, folder: Path) -> Judged:

@@ -30,8 +30,8 @@ FOLLOWING = 0.2
 """Speed of the bed on the plate, relative to the plate's: deviation at most, over the little travel of a row."""
 
 LEAST_FOR_DRIFT = 20  # snapshots
-DRIFT = 3.0
-"""Median kinetic energy in the last third of a run over that in the first, at most."""
+DRIFT = 10.0
+"""Median kinetic energy in the last third of a run over that in the first, in which the bed starts, at most."""
 
 CHOICES = ("contact.youngs_modulus", "dem.time_step", "dem.plate_speed", "dem.facets")
 """Keys of what granpipe chooses unless the case does."""
@@ -299,7 +299,8 @@ def _materials() -> Iterator[Row]:
     yield Row("restitution, no friction", 1, changes={"contact.restitution": "1", "contact.friction": "0"})
     for friction in (0.0, 0.05, 0.73, 1.2):
         patience = 5.0 if friction == 0 else 1.0
-        yield Row("friction", friction, changes={"contact.friction": str(friction)}, patience=patience)
+        longer = {"dem.max_time": "3.6"} if friction > 1 else {}  # the start takes longer to pass through the bed
+        yield Row("friction", friction, changes={"contact.friction": str(friction)} | longer, patience=patience)
     for model in ("epsd2", "cdt"):
         for rolling in (0.05, 0.5):
             changes = {"contact.rolling_model": model, "contact.rolling_friction": str(rolling)}

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from granpipe.study.stability import Judged
+from granpipe.study.stability import Judged, rows
 
 _MARKERS = {"done": "o", "flagged": "s", "stopped": "X", "refused": "D"}
 _STABLE, _UNSTABLE, _UNSEEN = "#2b8a3e", "#c92a2a", "#868e96"
@@ -30,8 +30,8 @@ def summary(judged: Sequence[Judged]) -> Iterator[str]:
     unstable = [one for one in seen if not one.stable]
     marked = [one for one in unstable if one.verdict != "done"]
     alarms = [one for one in seen if one.wrong == "false alarm"]
-    yield f"- {len(judged)} rows: {len(judged) - len(seen)} refused, {len(seen) - len(unstable)} stable, "
-    yield f"  {len(unstable)} unstable."
+    yield f"- {len(judged)} of the suite's {len(rows())} rows: {len(judged) - len(seen)} refused, "
+    yield f"  {len(seen) - len(unstable)} stable, {len(unstable)} unstable."
     yield f"- granpipe chose all settings in {len(chosen)} of them: {sum(one.stable for one in chosen)} are stable."
     yield f"- Of the {len(unstable)} unstable rows {len(marked)} were stopped or marked;"
     yield f"  {len(unstable) - len(marked)} ended as a finished result without a mark."
@@ -66,20 +66,20 @@ def _number(value: float | None, spec: str) -> str:
 
 def _short(text: str) -> str:
     """The first line, in a length that a table bears."""
-    line = text.partition("\n")[0].replace("|", "/").removeprefix("setting of the case: ")
+    line = text.partition("\n")[0].replace("|", "/").removeprefix("setting of the case: ").removeprefix("--set ")
     return line if len(line) <= 140 else line[:137] + "…"
 
 
-def similar_table(rows: Sequence[Similar]) -> Iterator[str]:
+def similar_table(scenes: Sequence[Similar]) -> Iterator[str]:
     """Similar scenes, one row each."""
-    if not rows:
+    if not scenes:
         return
-    names = list(rows[0].upper)
+    names = list(scenes[0].upper)
     yield "| length × | density × | " + " | ".join(names) + " |"
     yield "|---|---|" + "---|" * len(names)
-    for row in rows:
-        cells = [f"{row.noise_free[name]:.1%} (< {row.upper[name]:.1%})" for name in names]
-        yield f"| {row.length:g} | {row.density:g} | " + " | ".join(cells) + " |"
+    for one in scenes:
+        cells = [f"{one.noise_free[name]:.1%} (< {one.upper[name]:.1%})" for name in names]
+        yield f"| {one.length:g} | {one.density:g} | " + " | ".join(cells) + " |"
 
 
 def draw_map(judged: Sequence[Judged], path: Path) -> None:
@@ -108,7 +108,7 @@ def draw_map(judged: Sequence[Judged], path: Path) -> None:
     axes.set_ylim(len(lines) - 0.3, -0.7)
     axes.spines[["top", "right", "bottom", "left"]].set_visible(False)
     marks = [Line2D([], [], marker=m, ls="", color="black", label=f"granpipe: {name}") for name, m in _MARKERS.items()]
-    marks += [Line2D([], [], marker="o", ls="", color=c, label=n) for n, c in _COLOURS]
+    marks += [Line2D([], [], marker="o", ls="", color=c, label=n) for c, n in _COLOURS]
     marks.append(
         Line2D([], [], marker="o", ls="", color="white", markeredgecolor="black", label="settings all granpipe's")
     )
@@ -118,7 +118,7 @@ def draw_map(judged: Sequence[Judged], path: Path) -> None:
 
 def page(judged: Sequence[Judged], similar: Sequence[Similar], picture: str, date: str, program: str) -> str:
     """The page in Markdown."""
-    rows = [one for one in judged if not one.row.similar]
+    unlike = [one for one in judged if not one.row.similar]
     return "\n".join(
         [
             "# Stability",
@@ -135,7 +135,7 @@ def page(judged: Sequence[Judged], similar: Sequence[Similar], picture: str, dat
             "",
             "● granpipe chose every setting of the row.",
             "",
-            *table(rows),
+            *table(unlike),
             "",
             "## Similar scenes",
             "",
