@@ -28,11 +28,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _Column = tuple[int, NDArray[np.int64], Array, Array]  # step, and of each particle: number, height, volume
 
-MEAN_OVERLAP = 0.03
-"""Mean overlap of touching particles over their diameter, at most: the packing inflates by three times that."""
-
-P99_OVERLAP = 0.1
-"""99th percentile of that overlap, at most: Hertz's law holds for small deformations."""
+OVERLAP_MARGIN = 2.0
+"""Overlap of touching particles over the limits that the settings aim at, at most."""
 
 COLLISION_SHARE = 0.2
 """Time step over the duration of the fastest collision, at most: five steps see it."""
@@ -146,8 +143,8 @@ class FlowHealth:
         """The dearer check, for now and then: how far the particles overlap."""
         overlap = measure_overlap(snapshot.position, snapshot.radius)
         for name, value, limit in (
-            ("mean", overlap.mean, MEAN_OVERLAP),
-            ("99th percentile", overlap.p99, P99_OVERLAP),
+            ("mean", overlap.mean, OVERLAP_MARGIN * contact.MEAN_OVERLAP),
+            ("99th percentile", overlap.p99, OVERLAP_MARGIN * contact.P99_OVERLAP),
         ):
             if value > limit:
                 raise RunError(
