@@ -102,8 +102,8 @@ def _classes(edges: Array, shares: Array | None, density: Callable[[Array], Arra
     filled = count > 0
     if not filled.any():
         raise CaseError(
-            "the distribution is far narrower than its limits and falls between the classes; narrow the limits, or give "
-            "one size",
+            "the distribution is far narrower than its limits and falls between the classes; narrow the limits, or "
+            "give one size",
             ("material", "size"),
         )
     return SizeClasses(np.cbrt(cube[filled] / count[filled]), count[filled] / count.sum())

@@ -82,8 +82,8 @@ def effective_samples(values: Array, run: NDArray[np.int64]) -> float:
     """How many independent samples fix a mean as well as these n correlated ones: n/τ.
 
     τ = 1 + 2 Σ (1 − k/n) ρ_k up to the first autocorrelation that is not positive (Geyer 1992, initial positive
-    sequence), of all columns together. Deviations from the samples' own mean lack that mean's variance, γ₀ τ/n, which is
-    given back.
+    sequence), of all columns together. Deviations from the samples' own mean lack that mean's variance, γ₀ τ/n, which
+    is given back.
 
     Parameters
     ----------

@@ -131,7 +131,6 @@ def test_effective_samples_of_a_series_with_memory_are_what_its_correlation_says
 def test_samples_of_different_runs_are_not_neighbours():
     rng = np.random.default_rng(6)
     values = np.concatenate([rng.normal(size=(20, 60)) + level * np.ones(60) for level in (0, 3)])
-    run = np.repeat([0, 1], 20)
     swapped = np.argsort(np.arange(40) % 20, kind="stable")
     assert effective_samples(values, np.zeros(40, dtype=int)) < 0.2 * 40
     assert effective_samples(values[swapped], np.arange(40)) == pytest.approx(40)
