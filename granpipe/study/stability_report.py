@@ -30,7 +30,7 @@ def summary(judged: Sequence[Judged]) -> Iterator[str]:
     unstable = [one for one in seen if not one.stable]
     marked = [one for one in unstable if one.verdict != "done"]
     alarms = [one for one in seen if one.wrong == "false alarm"]
-    yield f"- {len(judged)} of the suite's {len(rows())} rows: {len(judged) - len(seen)} refused, "
+    yield f"- {len(judged)} of the suite's {len(rows())} rows: {len(judged) - len(seen)} refused,"
     yield f"  {len(seen) - len(unstable)} stable, {len(unstable)} unstable."
     yield f"- granpipe chose all settings in {len(chosen)} of them: {sum(one.stable for one in chosen)} are stable."
     yield f"- Of the {len(unstable)} unstable rows {len(marked)} were stopped or marked;"
@@ -119,33 +119,31 @@ def draw_map(judged: Sequence[Judged], path: Path) -> None:
 def page(judged: Sequence[Judged], similar: Sequence[Similar], picture: str, date: str, program: str) -> str:
     """The page in Markdown."""
     unlike = [one for one in judged if not one.row.similar]
-    return "\n".join(
-        [
-            "# Stability",
-            "",
-            f"Written by `granpipe stability` on {date} with {program}.",
-            "",
-            _HOW,
-            "",
-            *summary(judged),
-            "",
-            f"![Map of the stable region]({picture})",
-            "",
-            "## Rows",
-            "",
-            "● granpipe chose every setting of the row.",
-            "",
-            *table(unlike),
-            "",
-            "## Similar scenes",
-            "",
-            "The reactor scene at other lengths and densities, all dimensionless groups equal: noise-free difference",
-            "of its field from that of the model, with the 95 % upper bound, for the whole and each section.",
-            "",
-            *similar_table(similar),
-            "",
-        ]
-    )
+    lines = [
+        "# Stability",
+        "",
+        f"Written by `granpipe stability` on {date} with {program}.",
+        "",
+        _HOW,
+        "",
+        *summary(judged),
+        "",
+        f"![Map of the stable region]({picture})",
+        "",
+        "## Rows",
+        "",
+        "● granpipe chose every setting of the row.",
+        "",
+        *table(unlike),
+        "",
+        "## Similar scenes",
+        "",
+        "The reactor scene at other lengths and densities, all dimensionless groups equal: noise-free difference",
+        "of its field from that of the model, with the 95 % upper bound, for the whole and each section.",
+        "",
+        *similar_table(similar),
+    ]
+    return "\n".join(lines).rstrip() + "\n"
 
 
 _HOW = """\
