@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from granpipe.case import Case, Outline, Point, Polygon
+from granpipe.case import Case, Outline, Point, Polygon, Section
 from granpipe.errors import CaseError
 
 Side = Literal["above", "below"]
@@ -101,8 +101,9 @@ def sub_case(case: Case, span: Span) -> Case:
                 ("outline", "obstacles", name),
             )
     sections = {
-        name: section.model_copy(
-            update={"z": (min(section.z_top, span.cut_top), max(section.z_bottom, span.cut_bottom)), "model": None}
+        name: Section(
+            **section.model_dump(exclude_unset=True, exclude={"model"})  # all of it is DEM now, whatever it was
+            | {"z": (min(section.z_top, span.cut_top), max(section.z_bottom, span.cut_bottom))}
         )
         for name, section in case.outline.sections.items()
         if section.z_bottom < span.cut_top and section.z_top > span.cut_bottom

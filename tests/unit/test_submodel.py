@@ -66,3 +66,10 @@ def test_a_sub_model_is_planned_like_any_case_and_costs_less(reactor: Case) -> N
     whole, part = make_plan(reactor), make_plan(sub_case(reactor, span))
     assert part.dem.particles < 0.8 * whole.dem.particles
     assert part.particle_steps < whole.particle_steps
+
+
+def test_a_sub_model_can_be_varied_as_replicas_and_the_pilot_do(reactor: Case) -> None:
+    (span,) = reactor_spans(reactor, "d", "e", "f")
+    part = sub_case(reactor, span).varied({"dem.seed": "7"})
+    assert part.dem.seed == 7
+    assert part.outline.levels == sub_case(reactor, span).outline.levels
