@@ -37,8 +37,9 @@ says what it expects and, afterwards, what it got.
 - The **budget** goes on to the limit of each axis: the material's own size, no speed, no softness, no step. Along an
   axis the field is F₀ + c xᵖ, c fitted face by face, p of first order with two points, of first or second with more.
   What all settings together let expect stands beside what was measured.
-- All points have the same seed: beds that are filled alike lie less far apart than others would. `dem.replicas` and
-  another `dem.seed` tell how far fillings differ.
+- Points have the seed of the case: beds that are filled alike lie less far apart than others would. The axis `seed` is
+  another filling, the axis `ranks` a third one on two ranks; what they differ from the case beyond the noise, no error
+  bar of a single run sees.
 - The reference is not the truth. Its own row of the budget tells what is known to be missing.
 
 ## The smoke scene

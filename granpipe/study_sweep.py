@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from granpipe.case import Case, resolve
@@ -83,7 +83,7 @@ def make_study(case: Case, hours: float, cores: int, axes: Sequence[str] = (), r
     rates : of this machine, where they are known
     """
     plans = variants(case)
-    basis = _basis(case, plans)
+    basis = replace(_basis(case, plans), cores=cores)
     settled = _settled(case, basis)
 
     def fits(variant: Variant) -> bool:
@@ -91,7 +91,9 @@ def make_study(case: Case, hours: float, cores: int, axes: Sequence[str] = (), r
 
     rungs = check_axes(ladder(settled, basis, fits), axes)
     forecast = {rung.variant.name: forecast_of(_needed(settled, rung), rates) for rung in rungs}
-    kept, dropped = affordable(rungs, lambda rung: forecast[rung.variant.name], hours * 3600 * cores)
+    kept, dropped = affordable(
+        rungs, lambda rung: forecast[rung.variant.name] * _busy(_needed(settled, rung), cores), hours * 3600 * cores
+    )
     cell = _common_cell([_needed(settled, rung) for rung in kept])
     settled = settled.varied({"homogenize.cell": repr(cell)})
     return Study(settled, tuple(kept), tuple(dropped), forecast)
@@ -130,11 +132,17 @@ def _settled(case: Case, basis: Basis) -> Case:
 
 
 def _plan(case: Case, variant: Variant) -> Plan | None:
-    """Its plan on one rank; None where the scene does not allow it."""
+    """Its plan, on one rank unless it says otherwise; None where the scene does not allow it."""
     try:
-        return make_plan(case.varied(variant.changes | {"dem.ranks": "1"}))
+        return make_plan(case.varied({"dem.ranks": "1"} | variant.changes))
     except CaseError:
         return None
+
+
+def _busy(plan: Plan, cores: int) -> int:
+    """How many of the cores a plan keeps busy, as its forecast has it."""
+    ranks = max((part.dem.ranks for part in particle_plans(plan)), default=1)
+    return ranks * min(plan.case.dem.replicas, max(1, cores // ranks))
 
 
 def _needed(case: Case, rung: Rung) -> Plan:

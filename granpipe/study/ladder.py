@@ -24,6 +24,8 @@ STEPS = (1.5, 0.5)
 RESERVOIRS = (0.5, 2.0)
 """Reservoir heights over that of the case."""
 
+_OTHER = 1000  # apart from the seeds of replicas
+
 BASE = "base"
 """Name of the point that is the case itself."""
 
@@ -43,6 +45,7 @@ class Basis:
     reservoir_height : [m]
     model : dem, hybrid or fluid
     models : which of these the scene allows
+    cores : that a point may keep busy
     """
 
     youngs_modulus: float
@@ -51,6 +54,7 @@ class Basis:
     reservoir_height: float
     model: str
     models: tuple[str, ...]
+    cores: int = 1
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,9 @@ def _single(case: Case, basis: Basis) -> Iterator[tuple[str, dict[str, str]]]:
         for part in SPEEDS:
             yield "plate_speed", _at_speed(case, part, basis.plate_speed)
     yield "replicas", {"dem.replicas": "2", "dem.max_time": _text(_halved(case))}
+    yield "seed", {"dem.seed": str(case.dem.seed + _OTHER)}
+    if basis.cores > 1:  # another filling, for what is in the store would be taken whatever the ranks
+        yield "ranks", {"dem.ranks": "2", "dem.seed": str(case.dem.seed + 2 * _OTHER)}
 
 
 def _halved(case: Case) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -59,6 +60,17 @@ def test_replicas_share_the_averaging_time(case) -> None:
     (changes,) = along(ladder(case, BASIS, every), "replicas")
     start = float(case.homogenize.start)
     assert 2 * (float(changes["dem.max_time"]) - start) == pytest.approx(case.dem.max_time - start)
+
+
+def test_other_fillings_are_none_that_replicas_take(case) -> None:
+    rungs = ladder(case, replace(BASIS, cores=2), every)
+    seeds = [int(changes["dem.seed"]) for axis in ("seed", "ranks") for changes in along(rungs, axis)]
+    assert len(set(seeds)) == 2
+    assert min(seeds) > case.dem.seed + 100
+
+
+def test_ranks_are_varied_only_where_there_are_cores(case) -> None:
+    assert not along(ladder(case, BASIS, every), "ranks")
 
 
 def test_the_best_point_is_finest_and_slowest(case) -> None:
