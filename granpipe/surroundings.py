@@ -27,7 +27,7 @@ def surroundings(outline: Outline, settings: Settings, feed_speed: float) -> Sur
     bulk_flow = speed * np.pi * outline.outlet_radius**2
     passages = outline.passages()
     # a stream leaves the highest opening with something below it to fall into; a plug sits on the plate
-    edges = [passage.z for passage in passages if settings.open_outlet or passage.z > outline.z_bottom]
+    edges = [passage for passage in passages if settings.open_outlet or passage.z > outline.z_bottom]
     return Surroundings(
         inside=lambda r, z: _inside(outline, r, z),
         levels={f"{passage.name} at z = {passage.z:.4g} m": passage.z for passage in passages},
@@ -35,7 +35,8 @@ def surroundings(outline: Outline, settings: Settings, feed_speed: float) -> Sur
         speed=speed,
         feed_speed=feed_speed,
         flow_energy=_flow_energy(outline, bulk_flow),
-        falls=(max(edges) - settings.bottom,) if edges else (),
+        fall=max((passage.z - settings.bottom for passage in edges), default=0.0),
+        brink=max((passage.area for passage in edges), default=0.0),
     )
 
 

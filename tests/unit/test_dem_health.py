@@ -87,9 +87,21 @@ def test_free_fall_while_filling_is_no_blow_up_and_more_than_that_is(tiny: Path)
         watch.row(status(energy=2 * fall, inserted=100))
 
 
+def test_a_lot_of_fed_particles_may_fall_onto_a_bed_that_hardly_moves(tiny: Path) -> None:
+    slow = {"dem__plate_speed": "1e-5"}
+    fall = 9.81 * 0.08 * 20 / 120  # J/kg: twenty of them, from the top of the feed region
+    with pytest.raises(RunError, match="unstable"):
+        health(tiny, **slow).row(status(100, energy=fall))
+    watch = health(tiny, **slow)
+    watch.row(status(100, energy=0.0))
+    watch.row(status(200, particles=120, inserted=20, energy=fall))
+    with pytest.raises(RunError, match="unstable"):  # they have landed long ago
+        watch.row(status(20_000, particles=120, inserted=20, energy=fall))
+
+
 def test_a_bed_that_heats_up_slowly_is_seen_below_the_peak_that_a_moment_may_have(tiny: Path) -> None:
     watch = health(tiny)
-    peak = 2 * watch.energy
+    peak = 3 * watch.energy
     watch.row(status(0, energy=peak))  # a moment of it is a slip
     for step in range(100, 3000, 100):
         watch.row(status(step, energy=0.0))
