@@ -187,7 +187,8 @@ class Chain:
     def _health(self, bed: Snapshot) -> FlowHealth:
         """The health to be kept by a run that starts from this bed."""
         settings = self.settings
-        vessel = surroundings(self.plan.outline, settings, self.deck.feed_speed)
+        friction = self.plan.case.contact.wall.friction
+        vessel = surroundings(self.plan.outline, settings, friction, self.deck.feed_speed)
         catcher = settings.plate_z - self.deck.catcher_depth if settings.open_outlet else float("-inf")
         fallen = int((bed.position[:, 2] < catcher).sum())
         return FlowHealth(settings, self.plan.case, vessel, len(bed), fallen)

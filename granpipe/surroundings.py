@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from granpipe.dem import contact
 from granpipe.dem.health import Surroundings
 from granpipe.dem.settings import PACKING, Settings
 from granpipe.field import Array, Mask
@@ -16,7 +17,7 @@ PROFILE = 2.0
 _ROWS = 1000
 
 
-def surroundings(outline: Outline, settings: Settings, feed_speed: float) -> Surroundings:
+def surroundings(outline: Outline, settings: Settings, wall_friction: float, feed_speed: float) -> Surroundings:
     """Walls, openings and the scales of the flow.
 
     Parameters
@@ -35,6 +36,7 @@ def surroundings(outline: Outline, settings: Settings, feed_speed: float) -> Sur
         speed=speed,
         feed_speed=feed_speed,
         flow_energy=_flow_energy(outline, bulk_flow),
+        elastic_energy=_elastic_energy(outline, settings, wall_friction),
         fall=max((passage.z - settings.bottom for passage in edges), default=0.0),
         brink=max((passage.area for passage in edges), default=0.0),
     )
@@ -45,6 +47,12 @@ def _flow_energy(outline: Outline, bulk_flow: float) -> float:
     middles = outline.z_bottom + (np.arange(_ROWS) + 0.5) / _ROWS * (outline.z_top - outline.z_bottom)
     area = outline.area(middles)
     return float(0.5 * (PROFILE * bulk_flow) ** 2 * (1 / area).sum() / area.sum())
+
+
+def _elastic_energy(outline: Outline, settings: Settings, wall_friction: float) -> float:
+    """Most work by mass [J/kg] that the bed's weight does on its contacts: stress over density times their overlap."""
+    height = settings.wall_top - settings.bottom
+    return contact.MEAN_OVERLAP * contact.janssen_step(0.0, 1.0, 2 * outline.r_max, wall_friction, height)
 
 
 def _inside(outline: Outline, r: Array, z: Array) -> Mask:

@@ -35,16 +35,13 @@ COLLISION_SHARE = 0.2
 """Time step over the duration of the fastest collision, at most: five steps see it."""
 
 PEAK_ENERGY = 5.0
-"""Kinetic energy over what flow and falls can give, at most, at any time; 0.4 to 1.1 were seen."""
+"""Kinetic energy over what flow and falls can give, at most, at any time; 0.07 to 1.1 were seen."""
 
 MEAN_ENERGY = 2.0
-"""The same for its mean over a diameter of plate travel; 0.01 to 0.6 are usual."""
+"""The same for its mean over a diameter of plate travel; up to 0.12 was seen, in a tall column that sticks and slips."""
 
 PEAK_SPEED = 1.5
 """Speed of the fastest particle over that of a free fall through everything, at most."""
-
-SLIP = 1e-3
-"""Part of a diameter that the whole bed may drop at once when it sticks and slips."""
 
 ARCH_TRAVEL = 5.0
 """Plate travel [Sauter diameters] over which nothing may fail to pass an opening."""
@@ -68,6 +65,7 @@ class Surroundings:
     speed : of the plate, or of the free discharge through the outlet [m/s]
     feed_speed : of new particles [m/s]
     flow_energy : kinetic energy of a bed that flows at twice the mean speed everywhere [J/kg]
+    elastic_energy : that the bed holds at most [J/kg], and sets free when it sticks and slips
     fall : greatest height of free fall that the flow may take [m]; 0 where it sinks with the plate all the way
     brink : area of the opening that it falls from [m²]
     """
@@ -78,6 +76,7 @@ class Surroundings:
     speed: float
     feed_speed: float
     flow_energy: float
+    elastic_energy: float
     fall: float
     brink: float
 
@@ -123,7 +122,7 @@ class FlowHealth:
         self.settings, self.case, self.vessel = settings, case, vessel
         self.present, self.fallen = present, fallen
         self.mass = case.material.density * settings.classes.mean_volume
-        self.energy = _mean_energy(settings, vessel, case.material.density, present * self.mass)
+        self.energy = _mean_energy(vessel, case.material.density, present * self.mass)
         self.burst = _burst_energy(settings, vessel, case.material.density, present * self.mass)
         self.fed = _Fed(settings, vessel)
         self.drift = _Mean(round(settings.classes.sauter_diameter / (vessel.speed * settings.time_step)))
@@ -219,14 +218,13 @@ def _check_energy(status: Status, particle_mass: float, limit: float, source: st
     return specific
 
 
-def _mean_energy(settings: Settings, vessel: Surroundings, density: float, mass: float) -> float:
+def _mean_energy(vessel: Surroundings, density: float, mass: float) -> float:
     """Most kinetic energy by mass [J/kg] that flow, falls, sticking and slipping can give on average.
 
     A stream of mass flow Φ that falls freely from height h for t = √(2h/g) holds Φ ∫ ½ g²t² dt = Φ g² t³/6 at a time.
     """
     stream = density * vessel.flow * contact.GRAVITY**2 * _fall_time(vessel.fall) ** 3 / 6
-    slip = contact.GRAVITY * SLIP * settings.classes.sauter_diameter
-    return vessel.flow_energy + stream / mass + slip
+    return vessel.flow_energy + vessel.elastic_energy + stream / mass
 
 
 def _burst_energy(settings: Settings, vessel: Surroundings, density: float, mass: float) -> float:

@@ -97,8 +97,8 @@ def test_killed_a_few_times_a_run_ends_as_if_unbroken(tiny: Path, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_killed_two_dozen_times_a_run_ends_as_if_unbroken(tiny: Path, tmp_path: Path) -> None:
-    kills_change_nothing(tiny, tmp_path, seconds=40, kills=24, longest=4.0)
+def test_killed_some_twenty_times_a_run_ends_as_if_unbroken(tiny: Path, tmp_path: Path) -> None:
+    kills_change_nothing(tiny, tmp_path, seconds=16, kills=21, longest=0.8)
 
 
 def test_an_ended_run_leaves_no_process(tiny: Path, tmp_path: Path) -> None:
