@@ -38,7 +38,7 @@ PEAK_ENERGY = 5.0
 """Kinetic energy over what flow and falls can give, at most, at any time; 0.07 to 1.1 were seen."""
 
 MEAN_ENERGY = 2.0
-"""The same for its mean over a diameter of plate travel; up to 0.12 was seen, in a tall column that sticks and slips."""
+"""The same for its mean over a diameter of plate travel; up to 0.12 was seen, where a tall column sticks and slips."""
 
 PEAK_SPEED = 1.5
 """Speed of the fastest particle over that of a free fall through everything, at most."""
