@@ -11,7 +11,7 @@ from typing import Any
 from granpipe.case import Case, CaseFile, resolve
 from granpipe.errors import CaseError
 from granpipe.jsonfile import read_json
-from granpipe.study.budget import PLAIN, Option, advise
+from granpipe.study.budget import PLAIN, Option, advise, percent
 from granpipe.study_report import read_options
 from granpipe.study_sweep import study_name
 from granpipe.yamlfile import Places
@@ -43,8 +43,8 @@ class Chosen:
         error, option = self.option.error(), self.option
         sure = "" if self.proven else " (the study could not prove it)"
         return (
-            f"point {option.point} of the study, method {option.method}: expecting {error.value:.1%} of error, at most "
-            f"{error.upper:.1%}{sure}, in {option.seconds:.0f} s on {option.cores} cores where the study was made"
+            f"point {option.point} of the study, method {option.method}: expecting {percent(error.value)} of error, "
+            f"at most {percent(error.upper)}{sure}, in {option.seconds:.0f} s on {option.cores} cores where the study was made"
         )
 
     def obtained(self, folder: Path) -> str:

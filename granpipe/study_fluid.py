@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from granpipe.case import Case
@@ -13,11 +15,17 @@ from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid_field import wall_law
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.section import mesh_section
+from granpipe.study.budget import Option, Part
+from granpipe.study.ladder import BASE
+from granpipe.study_results import Findings
 
 ACROSS = (5, 10, 20)
 """Elements from the axis to the wall."""
 
 ORDERS = (2, 3, 4)
+
+DEFAULT = 10
+"""Elements across of a run: what a case can choose is the order."""
 
 FINEST = 40
 """Elements across of the reference, at the highest order."""
@@ -62,3 +70,24 @@ def fluid_ladder(case: Case, grid: Grid) -> tuple[Solve, ...]:
             field, unknowns, seconds = solve(across, order)
             found.append(Solve(across, order, unknowns, seconds, compare(finest, field, {}, grid.cell)[0].observed))
     return tuple(found)
+
+
+def fluid_findings(solves: Sequence[Solve]) -> Findings:
+    """What the finite elements alone tell of a scene that has no particles: one option for each order."""
+    options = tuple(
+        Option(
+            point=BASE,
+            method=f"fluid, order {solve.order}",
+            travel=0.0,
+            seconds=solve.seconds,
+            cores=1,
+            statistical={"whole": 0.0},
+            blocks=math.inf,
+            systematic={"whole": Part(solve.error, solve.error)},
+            changes={"fluid.order": str(solve.order)},
+        )
+        for solve in solves
+        if solve.across == DEFAULT
+    )
+    reference = f"the fluid, order {ORDERS[-1]}, {FINEST} elements across"
+    return Findings(reference, options, levers=(), ladders=(), spread={}, rate=None)

@@ -14,7 +14,7 @@ from granpipe.jsonfile import read_json, write_json
 from granpipe.machine import machine
 from granpipe.plan import Plan
 from granpipe.report import Section, duration, markdown, write_page
-from granpipe.study.budget import TOLERANCES, Option, Part, advise, pareto
+from granpipe.study.budget import TOLERANCES, Option, Part, advise, pareto, percent
 from granpipe.study.chart import draw_curves, draw_options
 from granpipe.study.table import Row, write_csv
 from granpipe.study_fluid import Solve
@@ -35,7 +35,8 @@ def write_study(folder: Folder, case: Case, found: Findings, solves: Sequence[So
     write_csv([_option_row(option) for option in found.options], root / "options.csv")
     write_csv([_lever_row(lever) for lever in found.levers], root / "points.csv")
     draw_options(found.options, found.reference, root / "error_time.png")
-    draw_curves(_method_curves(found), "wall time × cores [s]", "statistical error", root / "methods.png")
+    if found.levers:
+        draw_curves(_method_curves(found), "wall time × cores [s]", "statistical error", root / "methods.png")
     draw_curves(
         _solve_curves(solves), "wall time of mesh and solve [s]", "error against the finest", root / "fluid.png"
     )
@@ -64,7 +65,9 @@ def read_options(folder: Path) -> list[Option]:
 
 def study_intro(found: Findings) -> list[str]:
     """Where and when, and against what."""
+    alone = "No point has particles: errors are those of the finite elements, not what the fluid leaves out as a model."
     return [
+        *([] if found.levers else [alone]),
         f"Made on {datetime.now().astimezone():%Y-%m-%d} by granpipe {__version__} on {machine()}.",
         f"Reference: {found.reference}. Errors are E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells, A the area of "
         "each ring. Statistical: the standard error of the average. Systematic: the difference from the reference "
@@ -86,6 +89,20 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
         head=("point", "method", "travel", "time × cores", "statistical", "systematic", "error", "95 % bound"),
         rows=[_front_row(option) for option in pareto(found.options)],
     )
+    if found.levers:
+        yield from _particle_sections(found)
+    yield Section(
+        "Finite elements",
+        ["The fictitious fluid on this outline, against order 4 on the finest mesh."],
+        head=("order", "elements across", "unknowns", "time", "error"),
+        rows=[(str(s.order), str(s.across), str(s.unknowns), duration(s.seconds), percent(s.error)) for s in solves],
+    )
+    if found.levers:
+        yield _forecasts(found, other)
+
+
+def _particle_sections(found: Findings) -> Iterator[Section]:
+    """What points with particles tell."""
     axes = [ladder.axis for ladder in found.ladders]
     yield Section(
         "Error budget",
@@ -124,13 +141,6 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
         head=("method", "systematic", "whole average", "statistical"),
         rows=[_method_row(method, options) for method, options in _by_method(found).items()],
     )
-    yield Section(
-        "Finite elements",
-        ["The fictitious fluid on this outline, against order 4 on the finest mesh."],
-        head=("order", "elements across", "unknowns", "time", "error"),
-        rows=[(str(s.order), str(s.across), str(s.unknowns), duration(s.seconds), f"{s.error:.2%}") for s in solves],
-    )
-    yield _forecasts(found, other)
 
 
 def _advice_row(options: Sequence[Option], tolerance: float) -> tuple[str, ...]:
@@ -144,8 +154,8 @@ def _advice_row(options: Sequence[Option], tolerance: float) -> tuple[str, ...]:
         option.method,
         f"{option.travel:.2f}",
         duration(option.core_seconds),
-        f"{error.value:.1%}",
-        f"{error.upper:.1%}",
+        percent(error.value),
+        percent(error.upper),
         "proven" if advice.proven else "estimated only",
     )
 
@@ -157,10 +167,10 @@ def _front_row(option: Option) -> tuple[str, ...]:
         option.method,
         f"{option.travel:.2f}",
         duration(option.core_seconds),
-        f"{option.statistical['whole']:.1%}",
+        percent(option.statistical["whole"]),
         str(option.systematic["whole"]),
-        f"{error.value:.1%}",
-        f"{error.upper:.1%}",
+        percent(error.value),
+        percent(error.upper),
     )
 
 
@@ -174,7 +184,7 @@ def _ladder_text(ladder: Ladder) -> str:
 def _budget_row(lever: Lever, axes: Sequence[str]) -> tuple[str, ...]:
     parts = [str(lever.parts[axis]["whole"]) if axis in lever.parts else "" for axis in axes]
     predicted = "" if lever.predicted is None else str(lever.predicted["whole"])
-    return (lever.point, f"{lever.statistical['whole']:.1%}", *parts, predicted, str(lever.systematic["whole"]))
+    return (lever.point, percent(lever.statistical["whole"]), *parts, predicted, str(lever.systematic["whole"]))
 
 
 def _lever_text(lever: Lever, base: Lever) -> tuple[str, ...]:
@@ -210,7 +220,7 @@ def _method_row(method: str, options: Sequence[Option]) -> tuple[str, ...]:
         method,
         str(longest.systematic["whole"]),
         f"{longest.travel:.2f} outlet diameters",
-        f"{longest.statistical['whole']:.1%}",
+        percent(longest.statistical["whole"]),
     )
 
 

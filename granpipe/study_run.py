@@ -9,7 +9,7 @@ from granpipe.case import load_case
 from granpipe.errors import RunError
 from granpipe.plan import Plan
 from granpipe.progress import Progress
-from granpipe.study_fluid import fluid_ladder
+from granpipe.study_fluid import fluid_findings, fluid_ladder
 from granpipe.study_report import write_study
 from granpipe.study_results import Study as Comparison
 from granpipe.study_results import load_points
@@ -41,10 +41,12 @@ def report_study(folder: Folder, other: Plan | None, progress: Progress) -> tupl
     if any(one.name == next(iter(folder.variants)) for one in missing):
         raise RunError(f"the case itself is not done: {missing[0].text or missing[0].word}")
     case = load_case(folder.case)
-    progress.stage("comparison")
+    progress.stage("points")
     points = load_points(folder, progress)
-    found = Comparison(case, points).findings(progress)
     progress.stage("finite elements")
     solves = fluid_ladder(case, points[0].plan.grid)
+    progress.stage("comparison")
+    particles = any(point.ran for point in points)
+    found = Comparison(case, points).findings(progress) if particles else fluid_findings(solves)
     progress.stage("report")
     return write_study(folder, case, found, solves, other), missing

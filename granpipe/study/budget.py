@@ -16,6 +16,11 @@ PLAIN = "raw"
 """The plain average: shown to compare with, but no run gives it as its field, so it is not advised."""
 
 
+def percent(value: float) -> str:
+    """With one decimal; two digits below that."""
+    return f"{value:.1%}" if value >= 0.001 or value == 0 else f"{100 * value:.2g}%"
+
+
 @dataclass(frozen=True)
 class Part:
     """One part of an error, noise taken off, and its 95 % upper bound."""
@@ -31,7 +36,7 @@ class Part:
     def __str__(self) -> str:
         if self.upper == 0:
             return "0"
-        return f"{self.value:.1%}" if self.resolved else f"unresolved, below {self.upper:.1%}"
+        return percent(self.value) if self.resolved else f"unresolved, below {percent(self.upper)}"
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from granpipe.study.budget import Option, Part, advise, pareto, sure_factor
+from granpipe.study.budget import Option, Part, advise, pareto, percent, sure_factor
 
 
 def option(point: str, seconds: float, noise: float, rest: float, upper: float | None = None, cores: int = 1) -> Option:
@@ -85,3 +85,7 @@ def test_a_part_below_its_own_uncertainty_is_unresolved() -> None:
     assert Part(0.05, 0.06).resolved
     assert not Part(0.02, 0.06).resolved
     assert "below 6.0%" in str(Part(0.02, 0.06))
+
+
+def test_small_errors_keep_their_digits() -> None:
+    assert (percent(0.0523), percent(0.00021), percent(0.0)) == ("5.2%", "0.021%", "0.0%")

@@ -12,7 +12,10 @@ from granpipe.case import load_case
 from granpipe.errors import DataError
 from granpipe.field import Field, flux_from_psi
 from granpipe.plan import make_plan
+from granpipe.study.budget import advise
 from granpipe.study.ladder import BASE
+from granpipe.study_fluid import Solve, fluid_findings
+from granpipe.study_report import study_sections
 from granpipe.study_results import Point, Study
 
 CASES = Path(__file__).parents[2] / "cases"
@@ -144,3 +147,12 @@ def test_without_error_bars_there_is_nothing_to_compare() -> None:
     alone = Point(BASE, "", {}, bare.plan, field, bare.ran, 1.0, 1, None)
     with pytest.raises(DataError, match="average longer"):
         Study(CASE, [alone])
+
+
+def test_without_particles_the_finite_elements_are_the_options() -> None:
+    solves = [Solve(10, 2, 100, 1.0, 0.02), Solve(10, 3, 200, 2.0, 0.004), Solve(20, 2, 400, 4.0, 0.01)]
+    found = fluid_findings(solves)
+    assert [option.changes for option in found.options] == [{"fluid.order": "2"}, {"fluid.order": "3"}]
+    advice = advise(found.options, 0.01)
+    assert advice.option is found.options[1]
+    assert "Error budget" not in {section.title for section in study_sections(found, solves, None)}
