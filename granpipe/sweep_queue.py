@@ -13,20 +13,28 @@ from granpipe.sweep import Folder, replace_text
 
 def queued(folder: Folder) -> dict[str, Element]:
     """Points that are in Slurm's queue, waiting or running, with the element of the array that has them."""
-    jobs = jobs_of(folder)
-    if not jobs or not slurm.is_here():  # results may be looked at elsewhere
-        return {}
-    lines = {str(job["job"]): job["points"] for job in jobs}
+    lines = {str(job["job"]): job["points"] for job in jobs_of(folder)}
     found: dict[str, Element] = {}
-    for element in slurm.queue():
+    for element in _elements(folder):
         job, _, index = element.job.partition("_")
-        if job in lines and index.isdigit():
+        if index.isdigit():
             found |= dict.fromkeys(lines[job][int(index) - 1], element)
     return found
 
 
+def queued_jobs(folder: Folder) -> set[str]:
+    """Ids of the jobs that are in the queue, that which makes the table included."""
+    return {element.job.partition("_")[0] for element in _elements(folder)}
+
+
+def _elements(folder: Folder) -> list[Element]:
+    """What of this sweep is in the queue; nothing where there is no Slurm: results may be looked at elsewhere."""
+    jobs = {str(job["job"]) for job in jobs_of(folder)}
+    return [one for one in slurm.queue() if one.job.partition("_")[0] in jobs] if jobs and slurm.is_here() else []
+
+
 def jobs_of(folder: Folder) -> list[dict[str, Any]]:
-    """The array jobs that were submitted: `job`, and the `points` of each element."""
+    """The jobs that were submitted: `job`, and the `points` of each element; none for one that makes the table."""
     file = folder.root / "slurm" / "jobs.json"
     return list(read_json(file)["jobs"]) if file.exists() else []
 

@@ -21,7 +21,7 @@ from granpipe.study import slurm
 from granpipe.sweep import Folder
 from granpipe.sweep_local import CHUNK
 from granpipe.sweep_points import Point
-from granpipe.sweep_queue import jobs_of, queued, write_jobs
+from granpipe.sweep_queue import jobs_of, queued, queued_jobs, write_jobs
 from granpipe.sweepfile import Profile
 
 _LEAST = 5
@@ -50,14 +50,14 @@ def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: 
         active = sorted({element.job.split("_")[0] for element in waiting.values()} | {str(job["job"]) for job in jobs})
         path = _write(scripts / "reduce.sh", "reduce.sh.j2", folder, profile, {})
         reduce = slurm.submit(path, f"--dependency=afterany:{':'.join(active)}")
+        write_jobs(folder, [{"job": reduce, "points": []}, *jobs_of(folder)])
         progress.note(f"job {reduce}: table and chart, when the others have ended")
         return [*(str(job["job"]) for job in jobs), reduce]
 
 
 def cancel(folder: Folder) -> str:
     """Cancel the jobs of a sweep that are in the queue, or end the process that runs it here; what was done."""
-    jobs = sorted({element.job.split("_")[0] for element in queued(folder).values()})
-    if jobs:
+    if jobs := sorted(queued_jobs(folder)):
         slurm.cancel(jobs)
         return f"cancelled jobs {', '.join(jobs)}"
     return _end_here(folder)

@@ -249,8 +249,8 @@ def test_nothing_was_run_twice(story: Story) -> None:
     again = sum(starts.values()) - len(starts)
     logs = "".join(path.read_text() for path in story.folder.glob("slurm/*/*_*.txt"))
     assert again == logs.count("goes on in the queue") + 2  # the lost and the killed
-    assert len([stage for stage in starts if stage.startswith("settle-")]) == 8  # 3 frictions, 5 more seeds
-    assert len([stage for stage in starts if stage.startswith("produce-")]) == 8
+    assert len([stage for stage in starts if stage.startswith("produce-")]) == 8  # 3 frictions, 5 more seeds
+    assert len([stage for stage in starts if stage.startswith("settle-")]) >= 8  # a bed that is too soft is filled anew
     assert len(list(story.store.glob("walls-*"))) <= 3  # one for each travel of the plate
 
 

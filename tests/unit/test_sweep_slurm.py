@@ -13,7 +13,7 @@ from granpipe.study.slurm import Element
 from granpipe.sweep import Folder
 from granpipe.sweep_points import Point
 from granpipe.sweep_queue import queued
-from granpipe.sweep_slurm import submit
+from granpipe.sweep_slurm import cancel, submit
 from granpipe.sweepfile import Profile
 
 
@@ -84,10 +84,8 @@ def test_what_is_in_the_queue_is_not_submitted_again(cluster, folder):
     submit(folder, points(3), Profile(time="1 h"), Silent())
     assert lines(cluster.scripts[2]) == [["p1"]]
     assert cluster.options[3] == ("--dependency=afterany:101:103",)
-    assert [job["job"] for job in json.loads((folder.root / "slurm" / "jobs.json").read_text())["jobs"]] == [
-        "101",
-        "103",
-    ]
+    noted = json.loads((folder.root / "slurm" / "jobs.json").read_text())["jobs"]
+    assert [job["job"] for job in noted if job["points"]] == ["101", "103"]
 
 
 def test_with_all_in_the_queue_nothing_is_submitted(cluster, folder):
@@ -95,6 +93,21 @@ def test_with_all_in_the_queue_nothing_is_submitted(cluster, folder):
     cluster.elements = [Element("101_1", "PENDING", "")]
     assert submit(folder, points(1), Profile(time="1 h"), Silent()) == []
     assert len(cluster.scripts) == 2
+
+
+def test_cancelling_takes_the_job_of_the_table_along(cluster, folder, monkeypatch):
+    cancelled = []
+    monkeypatch.setattr(slurm, "cancel", cancelled.extend)
+    submit(folder, points(3), Profile(time="1 h"), Silent())
+    cluster.elements = [
+        Element("101_2", "PENDING", ""),
+        Element("102", "PENDING", "Dependency"),
+        Element("9", "RUNNING", ""),
+    ]
+    assert cancel(folder) == "cancelled jobs 101, 102"
+    assert cancelled == ["101", "102"]
+    cluster.elements = []
+    assert "nothing to cancel" in cancel(folder)
 
 
 @pytest.mark.parametrize(
