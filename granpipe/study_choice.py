@@ -44,7 +44,8 @@ class Chosen:
         sure = "" if self.proven else " (the study could not prove it)"
         return (
             f"point {option.point} of the study, method {option.method}: expecting {percent(error.value)} of error, "
-            f"at most {percent(error.upper)}{sure}, in {option.seconds:.0f} s on {option.cores} cores where the study was made"
+            f"at most {percent(error.upper)}{sure}, in {option.seconds:.0f} s on {option.cores} cores where the study was "
+            "made"
         )
 
     def obtained(self, folder: Path) -> str:
@@ -89,5 +90,7 @@ def _with(case: Case, studied: Mapping[str, Any], option: Option) -> CaseFile:
     """The case with the study's settings and the option's; its own target does not end the run."""
     given = case.model_dump(mode="json", exclude_unset=True)
     given.get("dem", {}).pop("statistical_error", None)
-    settled = {f"{group}.{key}": str(studied[group][key]) for group, key in _SETTLED}
-    return resolve(given, Places(case.name), settled | {"model": studied["model"]} | dict(option.changes))
+    changes = {f"{group}.{key}": str(studied[group][key]) for group, key in _SETTLED}
+    changes |= {"model": studied["model"]} | dict(option.changes)
+    changes.pop("dem.seed", None)  # any filling will do
+    return resolve(given, Places(case.name), changes)

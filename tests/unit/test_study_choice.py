@@ -24,7 +24,14 @@ def option(point: str, method: str, seconds: float, noise: float, rest: float, c
 
 
 OPTIONS = [
-    option("fast", "psi", 10, 0.08, 0.06, {"dem.plate_speed": "0.05", "dem.max_time": "3", "homogenize.start": "1"}),
+    option(
+        "fast",
+        "psi",
+        10,
+        0.08,
+        0.06,
+        {"dem.plate_speed": "0.05", "dem.max_time": "3", "homogenize.start": "1", "dem.seed": "1001"},
+    ),
     option("base", "raw", 5, 0.03, 0.0, {}),
     option("base", "psi", 40, 0.03, 0.0, {"dem.max_time": "7"}),
 ]
