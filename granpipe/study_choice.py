@@ -44,8 +44,8 @@ class Chosen:
         sure = "" if self.proven else " (the study could not prove it)"
         return (
             f"point {option.point} of the study, method {option.method}: expecting {percent(error.value)} of error, "
-            f"at most {percent(error.upper)}{sure}, in {option.seconds:.0f} s on {option.cores} cores of the machine that "
-            "made the study"
+            f"at most {percent(error.upper)}{sure}, in {option.seconds:.0f} s on {option.cores} cores of the machine "
+            "that made the study"
         )
 
     def obtained(self, folder: Path) -> str:
