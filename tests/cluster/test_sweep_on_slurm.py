@@ -150,7 +150,12 @@ class Story:
 
     def wait_for_segments(self, point: str, number: int = 2) -> None:
         """Wait until the point's production has published some segments."""
-        wait_for(lambda: self.segments(point) >= number, 240)
+
+        def there() -> bool:
+            assert self.state(point).get("phase") != "failed", self.log(point)
+            return self.segments(point) >= number
+
+        wait_for(there, 300)
 
     def start_requeued_jobs_now(self) -> None:
         """Slurm lets a requeued job wait for two minutes; the test need not."""
