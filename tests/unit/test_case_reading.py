@@ -208,7 +208,7 @@ def test_message_has_file_line_key_value_and_remedy():
 
 def test_first_wrong_line_is_told_with_the_number_of_others():
     text = MINIMAL.replace("1000", "-5") + "dem: {seed: -1}\n"
-    assert message(text) == "small.yaml:6 material.density: -5; must be in (0, 30000] kg/m^3 (and 1 more)"
+    assert message(text) == "small.yaml:6 material.density: -5; must be in [1, 30000] kg/m^3 (and 1 more)"
 
 
 def test_point_of_the_wall_has_its_own_line():
