@@ -26,8 +26,9 @@ SINKING = 0.02
 DENSEST = 0.68
 """Packing of spheres that do not run into each other, at most; random close packing is 0.64."""
 
-FOLLOWING = 0.2
-"""Speed of the bed on the plate, relative to the plate's: deviation at most, over the little travel of a row."""
+FOLLOWING = 0.3
+"""Speed of the bed on the plate, relative to the plate's: deviation at most. Beds loosen while they start, and rough
+walls hold them back; one that falls or hangs is far beyond."""
 
 LEAST_FOR_DRIFT = 20  # snapshots
 DRIFT = 10.0
