@@ -36,6 +36,9 @@ STRANGE = {
     "grid without end": ("homogenize: {", "homogenize: {cell: 1e-9, "),
     "particles without number": ("diameter: 2 cm", "diameter: 1e-9"),
     "steps without end": ("max_time: 1.2 s", "max_time: 1e300"),
+    "density near zero": ("2000 kg/m^3", "1e-308 kg/m^3"),
+    "outlet of no width": ("[6, 0]]", "[1e-9, 0]]"),
+    "sizes between the classes": ("2 cm}", "{normal: {mean: 2 cm, std: 1e-9 cm, min: 1 cm, max: 3.1 cm}}}"),
     "not UTF-8": ("name: tiny", "name: \udcff\udcfe"),
 }
 
