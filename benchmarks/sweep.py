@@ -41,6 +41,9 @@ class Cost:
     wall: float
     cpu: float
 
+    def __str__(self) -> str:
+        return f"{self.wall:.1f}, {self.cpu:.1f}"
+
 
 def granpipe(folder: Path, *arguments: str, environment: Mapping[str, str] = os.environ) -> Cost:
     """Run granpipe and measure it."""
@@ -67,24 +70,36 @@ def local_row(folder: Path, number: int) -> str:
     status = granpipe(path, "status", "sweep.yaml")
     second = granpipe(path, "sweep", "sweep.yaml")
     return (
-        f"| {number} | {first.wall:.1f} | {first.cpu / number:.2f} | {status.wall:.2f} | {second.wall:.2f} | "
+        f"| {number} | {first.wall:.1f} | {first.cpu / number:.2f} | {status} | {second} | "
         f"{files(path / 'results') / number:.1f} | {size(path / 'results') / number / 1e3:.0f} |"
     )
+
+
+def queue_row(folder: Path, number: int) -> str:
+    """On nodes that take no jobs: all that is asked of Slurm, while the queue is full."""
+    path = prepared(folder / "queue", number)
+    with two_nodes(folder / f"drained-{number}") as cluster:
+        for node in ("n1", "n2"):
+            cluster.run("scontrol", "update", f"NodeName={node}", "State=DRAIN", "Reason=benchmark")
+        submit, status, again, cancel = (
+            granpipe(path, command, "sweep.yaml", *more, environment=cluster.environment)
+            for command, *more in (("sweep", "--on", "slurm"), ("status",), ("sweep", "--on", "slurm"), ("cancel",))
+        )
+    return f"| {number} | {submit} | {status} | {again} | {cancel} |"
 
 
 def slurm_row(folder: Path, number: int) -> str:
     path = prepared(folder / "slurm", number)
     with two_nodes(folder / f"two-nodes-{number}") as cluster:
         begun = time.monotonic()
-        submit = granpipe(path, "sweep", "sweep.yaml", "--on", "slurm", environment=cluster.environment)
-        status = granpipe(path, "status", "sweep.yaml", environment=cluster.environment)
+        granpipe(path, "sweep", "sweep.yaml", "--on", "slurm", environment=cluster.environment)
         wait_for(lambda: not cluster.queue(), 3600, every=1.0)
         wall = time.monotonic() - begun
         text = (path / "results" / "many" / "slurm" / "jobs.json").read_text()
     elements = sum(len(job["points"]) for job in json.loads(text)["jobs"])
     log = "".join(file.read_text() for file in path.glob("results/many/slurm/*/reduce-*.txt"))
     assert f"{number} points: {number} done" in log, log
-    return f"| {number} | {elements} | {submit.wall:.1f} | {status.wall:.2f} | {wall:.1f} |"
+    return f"| {number} | {elements} | {wall:.1f} |"
 
 
 def alone(folder: Path) -> Cost:
@@ -111,13 +126,16 @@ def processor() -> str:
 def measure(parts: list[str], numbers: list[int]) -> dict[str, list[str]]:
     """Part of the page → its rows."""
     folder = Path(tempfile.mkdtemp(prefix="sweep-"))
-    (folder / "slurm").mkdir()
+    for part in ("queue", "slurm"):
+        (folder / part).mkdir()
     try:
         found = {}
         if "local" in parts:
             single = alone(folder)
             found["alone"] = [f"{single.wall:.1f} s of wall time and {single.cpu:.2f} s of processor time"]
             found["local"] = [local_row(folder, number) for number in numbers]
+        if "queue" in parts:
+            found["queue"] = [queue_row(folder, number) for number in numbers]
         if "slurm" in parts:
             found["slurm"] = [slurm_row(folder, number) for number in numbers]
         return found
@@ -128,7 +146,9 @@ def measure(parts: list[str], numbers: list[int]) -> dict[str, list[str]]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--points", type=int, nargs="+", default=[100, 1000])
-    parser.add_argument("--parts", nargs="+", default=["local", "slurm"], help="measure these, keep the others")
+    parser.add_argument(
+        "--parts", nargs="+", default=["local", "queue", "slurm"], help="measure these, keep the others"
+    )
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks_sweep.md")
     options = parser.parse_args()
     kept = ROOT / "results" / "benchmarks_sweep.json"
@@ -136,32 +156,47 @@ def main() -> None:
     rows |= measure(options.parts, options.points)
     kept.parent.mkdir(exist_ok=True)
     kept.write_text(json.dumps(rows))
-    options.out.write_text(page(rows.get("alone", ["?"])[0], rows.get("local", []), rows.get("slurm", [])))
+    options.out.write_text(page(rows))
 
 
-def page(single: str, local: list[str], slurm: list[str]) -> str:
-    return f"""\
+def page(rows: Mapping[str, list[str]]) -> str:
+    text = f"""\
 # What a sweep costs beside its work
 
-Made by `benchmarks/sweep.py` on {date.today()}: {os.cpu_count()} cores, {processor()}, shared with other work. Points
-of `cases/hopper.yaml` without pictures and export files, each with another wall factor. A run of its own takes
-{single}, most of it for starting Python and importing
-what it needs; in a worker that takes up to 25 points that is shared.
-
+Made by `benchmarks/sweep.py` on {date.today()}: {os.cpu_count()} cores, {processor()}, shared with other work: wall
+times are upper bounds. Points of `cases/hopper.yaml` without pictures and export files, each with another wall factor.
+"""
+    if "local" in rows:
+        text += f"""
 ## On this machine
 
-Processor time, files and kB are those of one point.
+A run of its own takes {rows["alone"][0]}, most of it for
+starting Python and importing what it needs; a worker that takes up to 25 points does that once. Where two numbers
+stand, they are wall time and processor time; files and kB are those of one point.
 
-| points | wall time [s] | processor time [s] | `granpipe status` [s] | second call [s] | files | kB |
+| points | wall time [s] | processor time for each [s] | `granpipe status` [s] | second call [s] | files | kB |
 |---|---|---|---|---|---|---|
-{chr(10).join(local)}
+{chr(10).join(rows["local"])}
+"""
+    if "queue" in rows:
+        text += f"""
+## Asking Slurm, all points waiting in the queue
 
+Wall time and processor time. Submitting checks and plans every point first.
+
+| points | submitting [s] | `granpipe status` [s] | second call [s] | `granpipe cancel` [s] |
+|---|---|---|---|---|
+{chr(10).join(rows["queue"])}
+"""
+    if "slurm" in rows:
+        text += f"""
 ## By array jobs, on a Slurm of two nodes of one core each on this machine
 
-| points | elements | submitting [s] | `granpipe status` [s] | until the table is there [s] |
-|---|---|---|---|---|
-{chr(10).join(slurm)}
+| points | elements | until the table is there [s] |
+|---|---|---|
+{chr(10).join(rows["slurm"])}
 """
+    return text
 
 
 if __name__ == "__main__":
