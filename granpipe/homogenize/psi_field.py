@@ -170,11 +170,11 @@ class _Steady:
 
 
 def _standard_errors(fluxes: Sequence[Flux], run: NDArray[np.int64], grid: Grid) -> tuple[Flux, float]:
-    """Standard errors of the mean flux through every face, and how many independent blocks these are worth."""
+    """Standard errors of the mean flux through every face, and how many independent blocks they rest on."""
     flux_r, flux_z = (np.array(component) for component in zip(*fluxes, strict=True))
     through = [flux_r * np.sqrt(grid.side_area), flux_z * np.sqrt(grid.ring_area)]
-    effective = effective_samples(np.concatenate([a.reshape(len(a), -1) for a in through], axis=1), run)
-    return (standard_error(flux_r, effective), standard_error(flux_z, effective)), effective
+    worth = effective_samples(np.concatenate([a.reshape(len(a), -1) for a in through], axis=1), run)
+    return (standard_error(flux_r, worth), standard_error(flux_z, worth)), min(worth, len(fluxes))
 
 
 def _scatter(fluxes: Sequence[Flux], run: NDArray[np.int64], se_z: Array, grid: Grid) -> float | None:

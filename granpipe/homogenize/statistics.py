@@ -17,6 +17,7 @@ LEAST_BLOCKS = 7
 """Fewer give no standard error."""
 
 _BATCH = 5  # MSER-5
+_LEAST_CORRELATED = 0.25  # samples, as a correlation time
 _MOST_CORRELATED = 1 / 3  # of the samples, as a correlation time: longer ones cannot be told from a trend
 
 
@@ -79,11 +80,11 @@ def standard_error(values: Array, effective: float | None = None) -> Array:
 
 
 def effective_samples(values: Array, run: NDArray[np.int64]) -> float:
-    """How many independent samples fix a mean as well as these n correlated ones: n/τ.
+    """How many independent samples fix a mean as well as these n correlated ones: n/τ; above n where they alternate.
 
-    τ = 1 + 2 Σ (1 − k/n) ρ_k up to the first autocorrelation that is not positive (Geyer 1992, initial positive
-    sequence), of all columns together. Deviations from the samples' own mean lack that mean's variance, γ₀ τ/n, which
-    is given back.
+    τ = 1 + 2 Σ (1 − k/n) ρ_k, the sum in pairs of neighbouring lags up to the first pair that is not positive (Geyer
+    1992, initial positive sequence), of all columns together. Deviations from the samples' own mean lack that mean's
+    variance, γ₀ τ/n, which is given back.
 
     Parameters
     ----------
@@ -96,13 +97,17 @@ def effective_samples(values: Array, run: NDArray[np.int64]) -> float:
     same = run[:, None] == run
     lagged = [np.diagonal(products, lag)[np.diagonal(same, lag)] for lag in range(count)]
     covariance = np.array([pairs.mean() for pairs in lagged if pairs.size])
+    if len(covariance) < 2:
+        return float(count)
+    covariance = covariance[: len(covariance) // 2 * 2]
+    share = 1 - np.arange(len(covariance)) / count
     time = 1.0
     for _ in range(30):
         lost = covariance[0] * time / (count - time)
-        correlation = (covariance[1:] + lost) / (covariance[0] + lost)
-        positive = correlation[: int(np.argmax(np.append(correlation, -1.0) <= 0))]
-        longer = 1 + 2 * float(((1 - np.arange(1, len(positive) + 1) / count) * positive).sum())
-        time = min(longer, _MOST_CORRELATED * count)
+        correlation = share * (covariance + lost) / (covariance[0] + lost)
+        paired = correlation.reshape(-1, 2).sum(axis=1)
+        positive = paired[: max(1, int(np.argmax(np.append(paired, -1.0) <= 0)))]
+        time = float(np.clip(2 * positive.sum() - 1, _LEAST_CORRELATED, _MOST_CORRELATED * count))
     return count / time
 
 
