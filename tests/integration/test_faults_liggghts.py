@@ -129,7 +129,9 @@ def test_after_a_resume_the_plate_is_where_it_would_have_been(tiny: Path, tmp_pa
 def test_free_discharge_resumes_with_its_balance(tiny: Path, tmp_path: Path) -> None:
     """What the catcher has counted before is not counted again; the balance is checked at every row."""
     text = tiny.read_text().replace("wall: [[6, 10], [6, 0]]", "wall: [[6, 10], [6, 6], [5, 0]]")
-    tiny.write_text(text.replace("diameter: 2 cm", "diameter: 1.4 cm").replace("{max_time", "{outlet: open, max_time"))
+    tiny.write_text(
+        text.replace("diameter: 2 cm", "diameter: 1.4 cm").replace("{max_time: 1.2 s", "{outlet: open, max_time: 0.6 s")
+    )
     results = tmp_path / "results"
     killed(tiny, results, random.Random(2), "driver", 0.5, after=12)
     _, stages = run(read_case(tiny), results)
