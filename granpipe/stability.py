@@ -42,7 +42,7 @@ FALLS_TO_FILL, FALLS_TO_REST, FALLS_WATCHED = 2.0, 4.0, 1.0
 """How long the truth test fills, waits and watches, in free falls through the vessel."""
 
 WATCHES = 8
-NOISE_GATES = ("raw flow through the worst level", "statistical error", "independent blocks")
+NOISE_GATES = ("raw flow through the worst level", "part of the flow that gathers", "statistical error", "independent")
 """Gates that a run as short as a row's need not pass."""
 
 Work = Generator[object, None, None]
