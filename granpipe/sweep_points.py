@@ -16,7 +16,7 @@ from granpipe.errors import CaseError, GranpipeError
 from granpipe.pipeline import plan_case, run_case
 from granpipe.progress import Both, Progress
 from granpipe.store import Store
-from granpipe.study.state import Recorder
+from granpipe.study.state import INTERRUPTED, Recorder
 from granpipe.study.variants import Variant
 from granpipe.sweep import Folder, replace_text
 from granpipe.sweepfile import Sweep
@@ -87,7 +87,7 @@ def run_points(folder: Folder, names: Iterable[str], ranks: int, progress: Progr
         try:
             outcome = run_case(point_case(folder, name, ranks), folder.points, both, store)
         except KeyboardInterrupt:
-            recorder.failed("interrupted")
+            recorder.failed(INTERRUPTED)
             raise
         except (GranpipeError, OSError) as error:
             recorder.failed(str(error))

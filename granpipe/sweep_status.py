@@ -11,7 +11,7 @@ from typing import Literal
 from granpipe.errors import RunError
 from granpipe.study import slurm
 from granpipe.study.slurm import Element
-from granpipe.study.state import State
+from granpipe.study.state import INTERRUPTED, State
 from granpipe.sweep import Folder
 from granpipe.sweep_queue import queued
 
@@ -57,6 +57,8 @@ def _standing(folder: Folder, name: str, element: Element | None, here: bool) ->
         return Standing(name, "done", "; ".join(f"quality gate failed: {gate}" for gate in state.gates))
     if element is not None and not element.runs:
         return Standing(name, "waiting", f"job {element.job}: {element.reason}")
+    if element is not None and state is not None and state.error == INTERRUPTED:  # its job has begun anew
+        return Standing(name, "waiting", f"job {element.job}: starts")
     if state is None or state.phase == "done":  # a point that comes later in its job, or of an earlier case
         waits = element is not None or here
         return Standing(name, "waiting" if waits else "missing", "" if waits else "run the sweep again")

@@ -20,6 +20,9 @@ INTERVAL = 3.0
 """A file is written no more often than this [s]; a new stage is noted at once."""
 
 
+INTERRUPTED = "interrupted"
+"""Error of a point that was stopped from outside, and may go on."""
+
 JOB = "GRANPIPE_JOB"
 """Environment variable by which a batch script tells the job that it belongs to, as ``123_4``."""
 

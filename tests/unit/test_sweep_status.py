@@ -106,6 +106,14 @@ def test_the_queue_is_believed_for_jobs(folder, queue):
     assert waiting.text == "job 7_2: BeginTime"
 
 
+def test_an_interrupted_point_whose_job_begins_anew_has_not_failed(folder, queue):
+    write(folder, "seed-0", job="7_1", phase="failed", error="interrupted")
+    write(folder, "seed-1", job="7_1", phase="failed", error="no such file")
+    assert words(folder)[:2] == ["failed", "failed"]
+    queue["seed-0"] = queue["seed-1"] = Element("7_1", "RUNNING", "None")
+    assert words(folder)[:2] == ["waiting", "failed"]
+
+
 def test_without_slurm_jobs_are_what_their_files_say(folder, queue, monkeypatch):
     monkeypatch.setattr(slurm, "is_here", lambda: False)
     write(folder, "seed-0", job="7_1", host="node")
