@@ -228,7 +228,7 @@ class _Watch:
     def look(self, status: Status) -> None:
         """Take in what has appeared since the last look, but not so much that the output goes unread."""
         for _ in range(_AT_ONCE):
-            if not self._take_snapshot(status):
+            if self.together.enough or not self._take_snapshot(status):
                 break
         check_space(self.work)
         self._report(status)
@@ -250,9 +250,9 @@ class _Watch:
 
     def finish(self, status: Status) -> None:
         """The last look, after LIGGGHTS has ended well."""
-        while self._take_snapshot(status):
+        while not self.together.enough and self._take_snapshot(status):
             pass
-        if self.segment <= self.settings.segments:
+        if self.segment <= self.settings.segments and not self.together.enough:
             raise DataError(
                 f"LIGGGHTS ended well, but snapshot.{self.next_step}.bin or its restart file is missing or cut short; "
                 "look for a full disk, then run again: it resumes"

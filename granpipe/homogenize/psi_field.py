@@ -24,7 +24,7 @@ SMOOTHING_LENGTHS = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 CLEARANCE = 1.25
 """Nothing is smoothed within this many particle diameters of walls and voids."""
 
-BLOCKS = 30
+BLOCKS = 60
 """Blocks that the standard errors rest on, where there are so many segments."""
 
 _VARIANCE_REACH = 1.0  # diameters: the variance is seen through a Gaussian of this width

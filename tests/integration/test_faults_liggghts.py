@@ -47,10 +47,12 @@ def killed(case: Path, results: Path, rng: random.Random, victim: str, longest: 
     process = start(case, results)
     if after:
         wait_for(f".store/produce-*/segment-{after:05d}", results)
-    while not (at_work := ranks(results)) and process.poll() is None:
+    targets = [process.pid]
+    while victim != "driver" and not (targets := ranks(results)) and process.poll() is None:
         time.sleep(0.02)
     time.sleep(rng.uniform(0, longest))
-    targets = {"driver": [process.pid], "liggghts": ranks(results) or at_work, "rank": [rng.choice(at_work)]}[victim]
+    if victim == "rank":
+        targets = targets[:1]
     for target in targets:
         with contextlib.suppress(ProcessLookupError):
             os.kill(target, signal.SIGKILL)

@@ -64,7 +64,7 @@ def test_a_run_ends_at_its_target_and_a_tighter_one_continues_it(tiny: Path, tmp
     assert "MB" in watched.line
 
     outcome, watched = run(tiny, results, dem__statistical_error="0.5 %")
-    assert watched.stages[2] == f"produce: continues after segment {made} of {planned}"
+    assert f"produce: continues after segment {made} of {planned}" in watched.stages
     assert segments(results) == planned
     missed = next(gate for gate in outcome.failed if "statistical error" in gate.name)
     assert missed.value == max(figures(results)["statistical_error"].values())
@@ -86,4 +86,5 @@ def test_replicas_are_averaged_together_and_check_the_error_bar(tiny: Path, tmp_
     assert 0.05 < found["scatter_of_runs_over_error"] < 8
 
     _, watched = run(tiny, results, dem__seed="2", dem__max_time="1.6 s", homogenize__start="0.4 s")
-    assert watched.stages[1:3] == ["settle: done before", "produce: done before"]
+    assert {"settle: done before", "produce: done before"} <= set(watched.stages)
+    assert not {"settle", "produce"} & set(watched.stages)
