@@ -11,7 +11,7 @@ import numpy as np
 
 from granpipe.dem.sizes import SizeClasses as Classes
 from granpipe.dem.wall_contacts import read_wall_contacts
-from granpipe.field import Array, Field
+from granpipe.field import Array, Field, cell_vectors
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR
 from granpipe.geometry.wall_pieces import WallPieces
@@ -113,7 +113,5 @@ def particle_velocity(field: Field) -> tuple[Array, Array]:
     def per_solids(flux: Array) -> Array:
         return np.divide(flux, solids, out=np.zeros_like(flux), where=moving)
 
-    return (
-        per_solids(0.5 * (field.flux_r[:, 1:] + field.flux_r[:, :-1])),
-        per_solids(0.5 * (field.flux_z[1:] + field.flux_z[:-1])),
-    )
+    r, z = cell_vectors(field.flux_r, field.flux_z)
+    return per_solids(r), per_solids(z)

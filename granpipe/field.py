@@ -293,10 +293,14 @@ def level_flow(flux_z: Array, grid: Grid) -> Array:
     return np.asarray(-(flux_z @ grid.ring_area).reshape(len(flux_z), -1).sum(axis=1))
 
 
+def cell_vectors(flux_r: Array, flux_z: Array) -> Array:
+    """(2, nz, nr) a vector given on the faces, its components averaged to the middle of each cell."""
+    return np.array([0.5 * (flux_r[:, 1:] + flux_r[:, :-1]), 0.5 * (flux_z[1:] + flux_z[:-1])])
+
+
 def cell_squares(flux_r: Array, flux_z: Array) -> Array:
-    """(nz, nr) square of a vector given on the faces, its components averaged to the middle of each cell."""
-    r, z = 0.5 * (flux_r[:, 1:] + flux_r[:, :-1]), 0.5 * (flux_z[1:] + flux_z[:-1])
-    return np.asarray(r**2 + z**2)
+    """(nz, nr) square of that vector."""
+    return np.asarray((cell_vectors(flux_r, flux_z) ** 2).sum(axis=0))
 
 
 def section_rows(grid: Grid, levels: Mapping[str, tuple[float, float]]) -> dict[str, Mask]:

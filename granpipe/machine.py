@@ -10,8 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from granpipe.dem.settings import RATE
-from granpipe.plan import RANK_GAIN, Plan
+from granpipe.plan import RANK_GAIN, Plan, assumed_rate
 
 _FILE = "rates.json"
 
@@ -69,11 +68,6 @@ def forecast(plan: Plan, rates: Rates | None) -> float:
         return plan.seconds * assumed_rate(plan.settings.ranks) / rates.of(plan.settings.ranks)
     particles = sum(part.seconds for _, part in plan.parts)
     return plan.seconds - particles + sum(forecast(part, rates) for _, part in plan.parts)
-
-
-def assumed_rate(ranks: int) -> float:
-    """What `Plan.seconds` goes by."""
-    return RATE * ranks * (RANK_GAIN if ranks > 1 else 1.0)
 
 
 def _stored(path: Path) -> dict[str, Any]:

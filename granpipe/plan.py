@@ -213,15 +213,14 @@ class _Scene:
         left = [Stage("fluid solve", "the DEM run covers the whole vessel"), *_left_out_of_decks(self.case)]
         replicas = self.case.dem.replicas
         steps = replicas * settings.particles * (settings.steps + _fill_steps(settings))
-        busy = settings.ranks * min(replicas, max(1, usable_cores() // settings.ranks))
-        rate = RATE * busy * (RANK_GAIN if settings.ranks > 1 else 1.0)
+        together = min(replicas, max(1, usable_cores() // settings.ranks))
         plan = self._made("dem", self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER), stages, left)
         return replace(
             plan,
             settings=settings,
             choices=(*settings.choices, self._facets(settings)),
             particle_steps=steps,
-            seconds=steps / rate,
+            seconds=steps / (together * assumed_rate(settings.ranks)),
             disk_bytes=replicas * _disk(self.case, settings),
         )
 
@@ -338,6 +337,11 @@ class _Scene:
             openings=passages,
             shares=tuple(1.0 if p.required else min(1.0, p.area / float(outline.area(p.z))) for p in passages),
         )
+
+
+def assumed_rate(ranks: int) -> float:
+    """Particle-steps per second that `Plan.seconds` goes by."""
+    return RATE * ranks * (RANK_GAIN if ranks > 1 else 1.0)
 
 
 def _left_out_of_decks(case: Case) -> list[Stage]:

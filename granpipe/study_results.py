@@ -18,7 +18,7 @@ from granpipe.case import Case
 from granpipe.compare import Cells, Difference, compare, error_squares
 from granpipe.dem_field import statistical_errors
 from granpipe.errors import DataError
-from granpipe.field import Array, Field, section_rows
+from granpipe.field import Array, Field, cell_vectors, section_rows
 from granpipe.homogenize.statistics import LEAST_BLOCKS
 from granpipe.jsonfile import read_json
 from granpipe.pipeline import plan_case
@@ -366,8 +366,7 @@ class Trend:
 
 def middles(field: Field) -> Array:
     """(2, nz, nr) bulk velocity in the middle of each cell, at the flow rate of the case [m/s]."""
-    r, z = 0.5 * (field.flux_r[:, 1:] + field.flux_r[:, :-1]), 0.5 * (field.flux_z[1:] + field.flux_z[:-1])
-    return np.array([r, z]) * field.velocity_scale
+    return cell_vectors(field.flux_r, field.flux_z) * field.velocity_scale
 
 
 def _goodness(point: Point) -> tuple[float, float, float]:

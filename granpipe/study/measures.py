@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from granpipe.errors import DataError
-from granpipe.field import Array, Field, Grid, Mask
+from granpipe.field import Array, Field, Grid, Mask, cell_vectors
 
 
 def crossings(values: Array, level: float, grid: Grid, where: Mask) -> Array:
@@ -44,9 +44,7 @@ def displacement(points: Array, others: Array) -> float:
 
 def speed(field: Field) -> Array:
     """(nz, nr) bulk speed in the middle of each cell, at the flow rate of the case [m/s]."""
-    r = 0.5 * (field.flux_r[:, 1:] + field.flux_r[:, :-1])
-    z = 0.5 * (field.flux_z[1:] + field.flux_z[:-1])
-    return np.asarray(np.hypot(r, z) * field.velocity_scale)
+    return np.asarray(np.hypot(*cell_vectors(field.flux_r, field.flux_z)) * field.velocity_scale)
 
 
 def void_area(field: Field, z_range: tuple[float, float]) -> float:

@@ -9,8 +9,8 @@ import pytest
 
 from granpipe.calibrate import calibration_case
 from granpipe.case import load_case
-from granpipe.machine import Rates, assumed_rate, forecast, keep_rates, known_rates, machine
-from granpipe.plan import make_plan
+from granpipe.machine import Rates, forecast, keep_rates, known_rates, machine
+from granpipe.plan import assumed_rate, make_plan
 
 CASES = Path(__file__).parents[2] / "cases"
 
