@@ -12,7 +12,7 @@ from granpipe.case import Case
 from granpipe.chain import Standing
 from granpipe.errors import DataError
 from granpipe.extra_fields import Summed
-from granpipe.field import Field, Grid, cell_squares, level_flow, section_rows
+from granpipe.field import Array, Field, Grid, cell_squares, level_flow, section_rows
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import paper_field
 from granpipe.homogenize.average import Sums, merge
@@ -235,12 +235,15 @@ def _steady_start(parts: list[Sums]) -> float:
     onset_time = float(whole.time[onset(whole.level_flow, whole.solids, whole.kinetic)])
     latest = max(onset_time, 0.5 * (parts[0].start + parts[-1].stop))
     first = [i for i, part in enumerate(parts) if onset_time - part.duration < part.start <= latest] or [0]
-    return parts[min(first, key=lambda i: _net_storage(parts[i:]))].start
+    net = _net_storage(parts)
+    return parts[min(first, key=lambda i: float(net[i]))].start
 
 
-def _net_storage(parts: list[Sums]) -> float:
-    """Largest rate at which solids gather below any level [m³/s]."""
-    return float(np.abs(np.cumsum(merge(parts).storage.sum(axis=1))).max())
+def _net_storage(parts: list[Sums]) -> Array:
+    """(n,) largest rate at which solids gather below any level, on average from each segment to the end [m³/s]."""
+    gain = np.cumsum([part.gain.sum(axis=1) for part in parts[::-1]], axis=0)[::-1]
+    duration = np.cumsum([part.duration for part in parts[::-1]])[::-1]
+    return np.asarray(np.abs(np.cumsum(gain, axis=1)).max(axis=1) / duration)
 
 
 def _plug_range(outline: Outline, grid: Grid) -> tuple[float, float]:
