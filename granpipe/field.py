@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,22 @@ FORMAT_VERSION = 1
 
 MOST_CELLS = 2e6
 """Far more than a case needs (the article's own particles ask for 25 000): a wrong unit must not fill the memory."""
+
+
+class Particles(Protocol):
+    """All particles at one time: numbers (n,), centres (n, 3) and radii (n,) [m], velocities (n, 3) [m/s]."""
+
+    @property
+    def id(self) -> NDArray[np.int64]: ...
+
+    @property
+    def position(self) -> Array: ...
+
+    @property
+    def velocity(self) -> Array: ...
+
+    @property
+    def radius(self) -> Array: ...
 
 
 @dataclass(frozen=True)

@@ -18,32 +18,15 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granpipe.errors import DataError
-from granpipe.field import Array, Box, Grid, Mask, restored
+from granpipe.field import Array, Box, Grid, Mask, Particles, restored
 from granpipe.homogenize.deposit import Deposit, deposit, deposit_paths, empty_deposit
 
 Sampling = Literal["velocity", "displacement"]
 
 FORMAT_VERSION = 1
 _EXTRA = "extra_"  # begins the names of extra sums in a file
-
-
-class Particles(Protocol):
-    """What is needed of a snapshot."""
-
-    @property
-    def id(self) -> NDArray[np.int64]: ...
-
-    @property
-    def position(self) -> Array: ...
-
-    @property
-    def velocity(self) -> Array: ...
-
-    @property
-    def radius(self) -> Array: ...
 
 
 @dataclass(frozen=True)

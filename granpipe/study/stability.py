@@ -10,12 +10,11 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from granpipe.field import Array
+from granpipe.field import Particles
 
 REST_ENERGY = 5e-5
 """Kinetic energy that nine tenths of the particles at rest stay below, in units of m g d: 1 % of √(g d) as a speed."""
@@ -83,19 +82,6 @@ class Row:
         return not self.similar and not any(key in {*self.changes, *self.multiples} for key in CHOICES)
 
 
-class Bed(Protocol):
-    """All particles at one step: numbers (n,), centres (n, 3) and radii (n,) [m], velocities (n, 3) [m/s]."""
-
-    @property
-    def id(self) -> NDArray[np.int64]: ...
-    @property
-    def position(self) -> Array: ...
-    @property
-    def velocity(self) -> Array: ...
-    @property
-    def radius(self) -> Array: ...
-
-
 @dataclass(frozen=True)
 class Truth:
     """What the dumps say of a row; None where there was nothing to see.
@@ -142,7 +128,7 @@ class Truth:
             yield f"kinetic energy grows {self.drift:.2g} times"
 
 
-def rest_truth(beds: Sequence[Bed], gravity: float, span: tuple[float, float], radius: float) -> Truth:
+def rest_truth(beds: Sequence[Particles], gravity: float, span: tuple[float, float], radius: float) -> Truth:
     """What a bed that was left alone shows.
 
     Parameters
@@ -167,12 +153,12 @@ def rest_truth(beds: Sequence[Bed], gravity: float, span: tuple[float, float], r
     )
 
 
-def missing(beds: Sequence[Bed]) -> int:
+def missing(beds: Sequence[Particles]) -> int:
     """Particles that are not in the last bed: they are numbered as they are inserted."""
     return max(int(bed.id.max(initial=0)) for bed in beds) - len(beds[-1].id)
 
 
-def _packing(bed: Bed, span: tuple[float, float], radius: float) -> float:
+def _packing(bed: Particles, span: tuple[float, float], radius: float) -> float:
     """Solids fraction between two levels of a straight pipe; spheres are cut at the levels."""
     z, a = bed.position[:, 2], bed.radius
     low, high = (np.clip(level - z, -a, a) for level in span)
@@ -180,7 +166,7 @@ def _packing(bed: Bed, span: tuple[float, float], radius: float) -> float:
     return float(solids.sum() / (math.pi * radius**2 * (span[1] - span[0])))
 
 
-def flow_truth(times: Sequence[float], beds: Sequence[Bed], speed: float, plate_z: float, outlet: float) -> Truth:
+def flow_truth(times: Sequence[float], beds: Sequence[Particles], speed: float, plate_z: float, outlet: float) -> Truth:
     """What a bed on a sinking plate shows; nothing where there are too few snapshots.
 
     Parameters
@@ -202,7 +188,7 @@ def flow_truth(times: Sequence[float], beds: Sequence[Bed], speed: float, plate_
 
 
 def _following(
-    times: Sequence[float], beds: Sequence[Bed], speed: float, plate_z: float, outlet: float
+    times: Sequence[float], beds: Sequence[Particles], speed: float, plate_z: float, outlet: float
 ) -> float | None:
     """Mean speed of the bed between plate and outlet over the plate's, by displacement, in the second half."""
     ratios: list[float] = []
