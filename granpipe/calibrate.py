@@ -45,5 +45,5 @@ def _rate(ranks: int, progress: Progress) -> float:
         store = Store(Path(folder))
         tools = library_versions() | program_versions(store.root / "programs.json")
         (production,) = simulate(plan, store, tools, progress, lambda _: Standing())
-        settle = float(read_json(production.settled / "settle.json")["wall_seconds"])
-        return plan.particle_steps / (settle + float(production.reports()[-1]["wall_seconds"]))
+        spent = [read_json(production.settled / "settle.json"), production.reports()[-1]]
+        return plan.particle_steps * ranks / sum(float(part["processor_seconds"]) for part in spent)

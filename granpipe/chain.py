@@ -151,11 +151,11 @@ class Chain:
         (work / "produce.in").write_text(render(self.deck, "produce.in"))
         variables = {"first": done + 1, "last": self.settings.segments}
         limits = limits_of(self.deck, self.plan, self.settings.steps)
-        watch = _Watch(self, work, done, self._health(bed), together, progress)
         with (
             evidence_kept(work, self.folder / "evidence"),
             Liggghts("produce.in", work, self.settings.ranks, variables, limits) as process,
         ):
+            watch = _Watch(self, process, done, self._health(bed), together, progress)
             for status in process.wait(watch.health.row):
                 watch.look(status)
                 if together.enough:
@@ -211,9 +211,10 @@ class _Watch:
     """Follows a running production: checks its health, takes in snapshots, publishes segments."""
 
     def __init__(
-        self, chain: Chain, work: Path, done: int, health: FlowHealth, together: Together, progress: Progress
+        self, chain: Chain, process: Liggghts, done: int, health: FlowHealth, together: Together, progress: Progress
     ) -> None:
-        self.chain, self.work, self.progress, self.together = chain, work, progress, together
+        self.chain, self.process, self.work = chain, process, process.folder
+        self.progress, self.together = progress, together
         self.settings, self.health = chain.settings, health
         self.summed = Summed.of(chain.plan)
         self.collector = Collector(chain.plan.grid, "displacement", extras=self.summed.extras)
@@ -309,6 +310,7 @@ class _Watch:
             "averaging_seconds": self.averaging,
             "checking_seconds": self.checking,
             "wall_seconds": time.monotonic() - self.started,
+            "processor_seconds": self.process.processor_seconds(),
             "ranks": self.settings.ranks,
         }
         check_space(self.chain.folder, 3 * restart.stat().st_size)

@@ -367,7 +367,8 @@ def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path,
 @_RESULTS
 @click.option("--hours", type=click.FloatRange(min=0, min_open=True), default=2.0, show_default=True,
               help="Wall time that the points may take by their plans; the dearest are dropped.")  # fmt: skip
-@click.option("--axis", "axes", multiple=True, help="Go along this axis only; may be given several times.")
+@click.option("--axis", "axes", multiple=True, metavar="AXIS[=VALUE,…]",
+              help="Go along this axis only, with these values; may be given several times.")  # fmt: skip
 @click.option("--against", type=click.Path(path_type=Path), help="Case whose time is forecast at the measured rate.")
 @click.option("--on", type=click.Choice(["local", "slurm"]), default="local", show_default=True, help="Where to run.")
 @click.option("--cores", type=click.IntRange(1), help="Cores to use here; all that this process may use by default.")
@@ -384,12 +385,13 @@ def study(
     from granpipe.cores import usable_cores
     from granpipe.machine import known_rates
     from granpipe.pipeline import plan_case
+    from granpipe.study.ladder import read_axes
     from granpipe.study_run import prepare_study, report_study
     from granpipe.study_sweep import make_study
 
     cores = cores or usable_cores()
     other = None if against is None else plan_case(_read(against, ()))
-    made = make_study(_read(case, overrides).case, hours, cores, axes, known_rates())
+    made = make_study(_read(case, overrides).case, hours, cores, read_axes(axes), known_rates())
     for rung in made.dropped:
         seconds = made.forecast[rung.variant.name]
         click.echo(f"left out: {rung.variant.name}, {seconds / 3600:.2g} h; give more --hours to have it", err=True)

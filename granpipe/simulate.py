@@ -32,7 +32,7 @@ from granpipe.study.pool import Task, run_together
 REPOSE = np.radians(30)
 """Angle of repose that limits where filling can reach; only the first bed depends on it."""
 
-_VERSION = 3
+_VERSION = 4
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,11 @@ class _Run:
                 self.progress.update(share, f"{status.particles} particles{rest}")
                 yield
         bed = read_snapshot(folder / "settled.bin", DUMP_COLUMNS)
-        spent = {"wall_seconds": time.monotonic() - begun, "ranks": settings.ranks}
+        spent = {
+            "wall_seconds": time.monotonic() - begun,
+            "processor_seconds": process.processor_seconds(),
+            "ranks": settings.ranks,
+        }
         write_json(folder / "settle.json", _settle_report(status, bed, self.deck) | spent)
         write_hashes(folder, "settled.bin", "settled.restart")
         for path in folder.glob("*.stl"):

@@ -74,7 +74,10 @@ class Ran:
 
     @cached_property
     def clocks(self) -> list[Array]:
-        """Wall time [s] of each chain, settling included, up to the end of each of its segments."""
+        """Time [s] that each chain takes, settling included, up to the end of each of its segments.
+
+        It is LIGGGHTS's processor time per rank: the wall time on cores that nothing else keeps busy.
+        """
         return [_clock(production) for production in self.productions]
 
     @property
@@ -91,12 +94,18 @@ class Ran:
         return after_transient([sums for sums in self.parts if sums.stop <= near], self.plan.case)
 
     def seconds(self, end: float) -> float:
-        """Wall time up to a simulated time: that of the slowest chain, for they run side by side."""
+        """Time up to a simulated time: that of the slowest chain, for they run side by side."""
         seconds = []
         for production, clock in zip(self.productions, self.clocks, strict=True):
             reached = np.searchsorted(self._stops(production.run), end * (1 - 1e-9))
             seconds.append(clock[min(int(reached), len(clock) - 1)])
         return float(max(seconds))
+
+    @cached_property
+    def wall_seconds(self) -> float:
+        """Wall time that the chains took one after the other, other programs beside them or not."""
+        reports = (production.reports()[-1] for production in self.productions)
+        return sum(float(report["wall_seconds"]) for report in reports)
 
     def _stops(self, run: int) -> list[float]:
         return [sums.stop for sums in self.parts if sums.run == run]
@@ -109,9 +118,13 @@ class Ran:
 
 def _clock(production: Production) -> Array:
     """Segments note the time since LIGGGHTS was last started; where it falls, production was resumed."""
-    seconds = [float(report["wall_seconds"]) for report in production.reports()]
+    seconds = [_per_rank(report) for report in production.reports()]
     resumed = np.cumsum([0.0, *(before if after < before else 0.0 for before, after in pairwise(seconds))])
-    return float(read_json(production.settled / "settle.json")["wall_seconds"]) + resumed + seconds
+    return _per_rank(read_json(production.settled / "settle.json")) + resumed + seconds
+
+
+def _per_rank(report: dict[str, Any]) -> float:
+    return float(report["processor_seconds"]) / int(report["ranks"])
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class Point:
     plan : its plan
     field : its best field: ψ fit, whole average
     ran : its segments; None where the point is no DEM run of the whole vessel
-    seconds : wall time of its stages
+    seconds : time of its stages, as `Ran.clocks` has it
     cores : that they kept busy
     forecast : of the wall time, by its plan, or None
     """
@@ -154,14 +154,15 @@ def _point(
     file = point_case(folder, name, ranks=1)
     plan, results = plan_case(file), folder.points / name
     field = Field.load(results / "field.npz")
-    seconds, cores, ran = float(read_json(results / "provenance.json")["wall_seconds"]), 1, None
     runs = [_ran(part, store, tools) for part in particle_plans(plan)]
-    if runs:
-        seconds = max(seconds, sum(one.seconds(np.inf) for one in runs))
-        cores = max(one.cores for one in runs)
-        ran = runs[0] if plan.settings is not None else None
-    changes = folder.variants[name].changes
-    return Point(name, axis, changes, plan, field, ran, ran.seconds(np.inf) if ran else seconds, cores, forecast)
+    ran = runs[0] if plan.settings is not None else None
+    cores = max((one.cores for one in runs), default=1)
+    seconds = sum(one.seconds(np.inf) for one in runs)
+    if ran is None:  # what is not DEM counts as well
+        wall = float(read_json(results / "provenance.json")["wall_seconds"])
+        waited = sum(one.wall_seconds for one in runs)
+        seconds += wall - waited if wall > waited else wall  # the DEM may have been done before
+    return Point(name, axis, folder.variants[name].changes, plan, field, ran, seconds, cores, forecast)
 
 
 def _ran(plan: Plan, store: Store, tools: Mapping[str, str]) -> Ran:
@@ -235,8 +236,11 @@ class Study:
         return statistical_errors(point.field, self.levels)
 
     def _apart(self, one: Point, field: Field, other: Point) -> Parts:
-        """Difference of a field of a point from the best field of another, noise taken off; none from itself."""
-        if one is other:
+        """Difference of a field of a point from the best field of another, noise taken off.
+
+        There is none from itself, nor from more or less of the same runs, whose noise would not be independent.
+        """
+        if _runs(one) == _runs(other):
             return dict.fromkeys(self._sections, Part(0.0, 0.0))
         found = compare(one.field, field, self.levels, max(one.diameter, other.diameter))
         return {difference.name: _part(difference) for difference in found}
@@ -367,6 +371,11 @@ class Trend:
 def middles(field: Field) -> Array:
     """(2, nz, nr) bulk velocity in the middle of each cell, at the flow rate of the case [m/s]."""
     return cell_vectors(field.flux_r, field.flux_z) * field.velocity_scale
+
+
+def _runs(point: Point) -> dict[str, str]:
+    """What of a point's changes makes its runs what they are, but for how many they are and how long."""
+    return {key: value for key, value in point.changes.items() if key not in ("dem.replicas", "dem.max_time")}
 
 
 def _goodness(point: Point) -> tuple[float, float, float]:

@@ -14,10 +14,11 @@ from pathlib import Path
 
 from granpipe.case import Case, resolve
 from granpipe.errors import CaseError
+from granpipe.geometry.revolve import Turn
 from granpipe.machine import Rates
 from granpipe.machine import forecast as forecast_of
 from granpipe.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, variants
-from granpipe.study.ladder import Basis, Rung, affordable, check_axes, ladder
+from granpipe.study.ladder import Axes, Basis, Rung, affordable, ladder
 from granpipe.study.variants import MAX_NAME, Variant
 from granpipe.sweepfile import Sweep
 from granpipe.yamlfile import Places
@@ -74,12 +75,12 @@ def study_name(case: Case) -> str:
     return case.name[: MAX_NAME - len(_ENDING)] + _ENDING
 
 
-def make_study(case: Case, hours: float, cores: int, axes: Sequence[str] = (), rates: Rates | None = None) -> Study:
+def make_study(case: Case, hours: float, cores: int, axes: Axes | None = None, rates: Rates | None = None) -> Study:
     """The ladder of a case that some hours on some cores allow; CaseError where not even the case itself is possible.
 
     Parameters
     ----------
-    axes : those to go along, all unless some are named
+    axes : those to go along, all unless some are named, and their values
     rates : of this machine, where they are known
     """
     plans = variants(case)
@@ -89,7 +90,7 @@ def make_study(case: Case, hours: float, cores: int, axes: Sequence[str] = (), r
     def fits(variant: Variant) -> bool:
         return _plan(settled, variant) is not None
 
-    rungs = check_axes(ladder(settled, basis, fits), axes)
+    rungs = ladder(settled, basis, fits, axes)
     forecast = {rung.variant.name: forecast_of(_needed(settled, rung), rates) for rung in rungs}
     kept, dropped = affordable(
         rungs, lambda rung: forecast[rung.variant.name] * _busy(_needed(settled, rung), cores), hours * 3600 * cores
@@ -104,13 +105,14 @@ def _basis(case: Case, plans: Mapping[Model, Plan | CaseError]) -> Basis:
     chosen = make_plan(case)
     particles = plans["dem"]
     if not isinstance(particles, Plan):
-        return Basis(0.0, 0.0, 0.0, 0.0, chosen.model, possible)
+        return Basis(0.0, 0.0, 0.0, 0.0, 0, chosen.model, possible)
     dem = particles.dem
     return Basis(
         youngs_modulus=dem.youngs_modulus,
         time_step=dem.time_step,
         plate_speed=dem.plate_speed,
         reservoir_height=0.5 * (dem.feed_bottom + dem.feed_top) - particles.outline.z_top,
+        facets=Turn.within(particles.outline.r_max, dem.classes.sauter_diameter).facets,
         model=chosen.model,
         models=possible,
     )

@@ -18,7 +18,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +32,7 @@ _BLOCK = 1 << 22  # bytes of output taken in at a time
 _MEMORY_EVERY = 2.0  # s
 _PR_SET_PDEATHSIG = 1
 _PAGE = os.sysconf("SC_PAGE_SIZE")  # bytes
+_TICKS = os.sysconf("SC_CLK_TCK")  # a second
 
 _LEAST_FILE = 256 * 1024**2  # bytes; Open MPI's own shared files take some megabytes
 _LEAST_OUTPUT = 32 * 1024**2  # bytes
@@ -190,6 +191,7 @@ class Liggghts:
         self._output = folder / "output.txt"
         self._read = 0
         self._tail = ""
+        self._spent: dict[int, float] = {}
 
     def __enter__(self) -> Liggghts:
         environment = os.environ | {
@@ -266,6 +268,17 @@ class Liggghts:
                     found.append(int(path.parent.name))
         return found
 
+    def processor_seconds(self) -> float:
+        """Processor time that all ranks together have taken until they were last looked at [s]."""
+        return sum(self._spent.values())
+
+    def measure(self, members: Sequence[int]) -> None:
+        """Note what the processes have taken so far; those that have ended keep what they had."""
+        for process in members:
+            with contextlib.suppress(OSError):
+                words = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+                self._spent[process] = (int(words[11]) + int(words[12])) / _TICKS
+
     def fail(self, how: str, reason: str) -> RunError:
         """The error that tells how the run ended, why, by which command, and its last lines."""
         last = "\n  ".join(line[:200] for line in self._last_lines()[-5:])
@@ -298,7 +311,9 @@ class _Watch:
     def __init__(self, run: Liggghts) -> None:
         self.run, self.limits = run, run.limits
         self.step, self.quiet, self.longest = -1, 0.0, 0.0
-        self.looked = self.measured = time.monotonic()
+        self.looked = time.monotonic()
+        self.measured = -math.inf
+        self.members: list[int] = []
 
     def look(self) -> None:
         """RunError if a limit is broken."""
@@ -312,7 +327,9 @@ class _Watch:
             raise self.run.fail("was stopped", f"it printed {printed / 1e6:.0f} MB: it repeats itself without end")
         if now > self.measured + _MEMORY_EVERY:
             self.measured = now
+            self.members = self.run.members()
             self._memory()
+        self.run.measure(self.members)
 
     def _progress(self) -> None:
         if self.run.status.step != self.step:
@@ -327,7 +344,7 @@ class _Watch:
             )
 
     def _memory(self) -> None:
-        taken = sum(map(_resident, self.run.members()))
+        taken = sum(map(_resident, self.members))
         if taken > self.limits.memory_bytes:
             raise self.run.fail(
                 "was stopped",

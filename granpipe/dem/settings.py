@@ -34,6 +34,12 @@ SPEED_ERROR = 0.05
 """Change of the bulk friction by inertia that the plate speed is chosen for. No key of the case: `statistical_error` is
 another thing, and a tighter one must continue the same run."""
 
+LEAST_GAP = 5.0
+"""Width of an opening over d90, at least: narrower ones may arch, and wall layers are all that there is."""
+
+LEAST_COARSE_GAP = 3.0
+"""The same of particles that stand for smaller ones: such a run is marked, but it tells what coarseness costs."""
+
 SKIN = 0.2
 """Neighbour skin in mean diameters; run times hardly differ from 0.1 to 0.5."""
 
@@ -168,7 +174,7 @@ def choose(case: Case, vessel: Vessel) -> Settings:
     """Settle every number of the DEM run; CaseError where the case asks for the impossible."""
     classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
     _check_number(classes, vessel)
-    gap_choices = [_check_gap(opening, classes) for opening in vessel.openings]
+    gap_choices = [_check_gap(opening, classes, case.dem.coarse_grain_factor) for opening in vessel.openings]
     _check_rest(case)
     reservoir = _reservoir_height(case, vessel, classes)
     level = vessel.top + reservoir
@@ -236,17 +242,20 @@ def _check_number(classes: SizeClasses, vessel: Vessel) -> None:
         )
 
 
-def _check_gap(opening: Opening, classes: SizeClasses) -> Choice:
+def _check_gap(opening: Opening, classes: SizeClasses, coarse_grain_factor: float) -> Choice:
+    """The material's own particles must be small enough; larger ones that stand for them are the case's choice."""
     ratio = opening.gap / classes.d90
-    if ratio < 5 and opening.required:
+    least = LEAST_GAP if coarse_grain_factor == 1 or ratio * coarse_grain_factor < LEAST_GAP else LEAST_COARSE_GAP
+    if ratio < least and opening.required:
         raise CaseError(
             f"the {opening.name} is {opening.gap:.4g} m wide, only {ratio:.2g} times the particles' d90 of "
-            f"{classes.d90:.4g} m; it must be at least 5 times: use smaller particles, a smaller "
+            f"{classes.d90:.4g} m; it must be at least {least:g} times: use smaller particles, a smaller "
             f"dem.coarse_grain_factor or a wider opening",
             key=opening.key,
         )
-    warning = "" if ratio >= 10 else f"{ratio:.2g} is below 10: expect wall layers and arching to show"
-    return Choice(f"gap/d90 at the {opening.name}", f"{ratio:.3g}", "at least 5, better 10", warning=warning)
+    breach = f"below {LEAST_GAP:g} by dem.coarse_grain_factor" if ratio < LEAST_GAP and opening.required else ""
+    warning = "" if ratio >= 10 or breach else f"{ratio:.2g} is below 10: expect wall layers and arching to show"
+    return Choice(f"gap/d90 at the {opening.name}", f"{ratio:.3g}", "at least 5, better 10", breach, warning)
 
 
 def _size_ratio(classes: SizeClasses) -> Choice:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from granpipe.case import Case
@@ -24,13 +24,30 @@ STEPS = (1.5, 0.5)
 RESERVOIRS = (0.5, 2.0)
 """Reservoir heights over that of the case."""
 
+FACETS = (0.5, 2.0)
+"""Facets of the wall per turn over those of the case."""
+
 _OTHER = 1000  # apart from the seeds of replicas
 
 BASE = "base"
 """Name of the point that is the case itself."""
 
 CHEAP, BEST = "cheap", "best"
-"""Axes of the two points at the ends of sizes and speeds together."""
+"""Axes of the two points at the ends: coarsest and fastest; finest, in two fillings."""
+
+_KEYS = {
+    "model": "model",
+    "coarse_grain_factor": "dem.coarse_grain_factor",
+    "youngs_modulus": "contact.youngs_modulus",
+    "time_step": "dem.time_step",
+    "reservoir_height": "dem.reservoir_height",
+    "facets": "dem.facets",
+    "plate_speed": "dem.plate_speed",
+    "replicas": "dem.replicas",
+    "seed": "dem.seed",
+    "ranks": "dem.ranks",
+}
+"""Axis → key of the case."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +60,7 @@ class Basis:
     time_step : [s]
     plate_speed : [m/s]; 0 where the outlet is open
     reservoir_height : [m]
+    facets : of the wall per turn
     model : dem, hybrid or fluid
     models : which of these the scene allows
     cores : that a point may keep busy
@@ -52,6 +70,7 @@ class Basis:
     time_step: float
     plate_speed: float
     reservoir_height: float
+    facets: int
     model: str
     models: tuple[str, ...]
     cores: int = 1
@@ -66,73 +85,106 @@ class Rung:
 
 
 Fits = Callable[[Variant], bool]
+Axes = Mapping[str, Sequence[str]]
+"""Axis → the values that the user gave, as YAML; none for those of the ladder."""
 
 
-def ladder(case: Case, basis: Basis, fits: Fits) -> tuple[Rung, ...]:
-    """Every point, the case itself first; `fits` says whether the scene allows a variant (gaps, models)."""
-    rungs = [Rung("", Variant(BASE, {}))]
-    for axis, changes in _single(case, basis):
-        first = next(iter(changes))  # what follows from it need not be in the name
-        variant = Variant(name_of({first: changes[first]}), changes)
+def read_axes(words: Iterable[str]) -> Axes:
+    """``name`` or ``name=value,value`` → axes; CaseError for one that there is not."""
+    found: dict[str, list[str]] = {}
+    for word in words:
+        name, _, values = word.partition("=")
+        if name not in (*_KEYS, CHEAP, BEST):
+            raise CaseError(f"{name} is no axis; there are {', '.join((*_KEYS, CHEAP, BEST))}", place="--axis")
+        if values and name in (CHEAP, BEST):
+            raise CaseError(f"{name} follows from the other axes; it takes no values", place="--axis")
+        found.setdefault(name, []).extend(filter(None, map(str.strip, values.split(","))))
+    return found
+
+
+def ladder(case: Case, basis: Basis, fits: Fits, axes: Axes | None = None) -> tuple[Rung, ...]:
+    """Every point, the case itself first.
+
+    Parameters
+    ----------
+    fits : says whether the scene allows a variant (gaps, models)
+    axes : to go along these alone, with these values; CaseError where one has none that the scene allows
+    """
+    axes = axes or {}
+    single = [Rung("", Variant(BASE, {}))]
+    for axis, value in _single(case, basis, axes):
+        changes = _changes(case, basis, axis, value)
+        variant = Variant(name_of({_KEYS[axis]: changes[_KEYS[axis]]}), changes)  # what follows is not in the name
         if fits(variant):
-            rungs.append(Rung(axis, variant))
-    rungs += [rung for rung in _combined(case, rungs) if fits(rung.variant)]
-    return tuple(rungs)
+            single.append(Rung(axis, variant))
+    rungs = [*single, *(rung for rung in _combined(case, single) if fits(rung.variant))]
+    if not axes:
+        return tuple(rungs)
+    for axis in axes:
+        if not any(rung.axis == axis for rung in rungs):
+            raise CaseError(f"nothing along {axis} is possible here, or it has no other value", place="--axis")
+    return tuple(rung for rung in rungs if not rung.axis or rung.axis in axes)
 
 
-def _single(case: Case, basis: Basis) -> Iterator[tuple[str, dict[str, str]]]:
-    """One axis at a time."""
-    for model in basis.models:
-        if model != basis.model:
-            yield "model", {"model": model}
+def _single(case: Case, basis: Basis, axes: Axes) -> Iterator[tuple[str, str]]:
+    """Axis and value, one axis at a time; the values that the user gave instead of the usual ones."""
+    for axis, usual in _usual(case, basis).items():
+        yield from ((axis, value) for value in axes.get(axis) or usual)
+
+
+def _usual(case: Case, basis: Basis) -> dict[str, list[str]]:
+    """Axis → its values."""
+    found = {"model": [model for model in basis.models if model != basis.model]}
     if basis.model == "fluid":
-        return
+        return found
     factors = {max(1.0, case.dem.coarse_grain_factor * part) for part in SIZES} - {case.dem.coarse_grain_factor}
-    for factor in sorted(factors):
-        yield "coarse_grain_factor", {"dem.coarse_grain_factor": _text(factor)}
-    for part in STIFFNESSES:
-        yield "youngs_modulus", {"contact.youngs_modulus": _text(part * basis.youngs_modulus)}
-    for part in STEPS:
-        yield "time_step", {"dem.time_step": _text(part * basis.time_step)}
-    for part in RESERVOIRS:
-        yield "reservoir_height", {"dem.reservoir_height": _text(part * basis.reservoir_height)}
+    found |= {
+        "coarse_grain_factor": [_text(factor) for factor in sorted(factors)],
+        "youngs_modulus": [_text(part * basis.youngs_modulus) for part in STIFFNESSES],
+        "time_step": [_text(part * basis.time_step) for part in STEPS],
+        "reservoir_height": [_text(part * basis.reservoir_height) for part in RESERVOIRS],
+        "facets": [str(4 * round(part * basis.facets / 4)) for part in FACETS],
+        "replicas": ["2"],
+        "seed": [str(case.dem.seed + _OTHER)],
+    }
     if basis.plate_speed > 0:
-        for part in SPEEDS:
-            yield "plate_speed", _at_speed(case, part, basis.plate_speed)
-    yield "replicas", {"dem.replicas": "2", "dem.max_time": _text(_halved(case))}
-    yield "seed", {"dem.seed": str(case.dem.seed + _OTHER)}
-    if basis.cores > 1:  # another filling, for what is in the store would be taken whatever the ranks
-        yield "ranks", {"dem.ranks": "2", "dem.seed": str(case.dem.seed + 2 * _OTHER)}
+        found["plate_speed"] = [_text(part * basis.plate_speed) for part in SPEEDS]
+    if basis.cores > 1:
+        found["ranks"] = ["2"]
+    return found
 
 
-def _halved(case: Case) -> float:
-    """Production time of each of two replicas that together average as long as the case does."""
+def _changes(case: Case, basis: Basis, axis: str, value: str) -> dict[str, str]:
+    """What a value of an axis changes, and what has to go with it."""
+    changes = {_KEYS[axis]: value}
     start = 0.0 if case.homogenize.start == "auto" else float(case.homogenize.start)
-    return start + 0.5 * (case.dem.max_time - start)
-
-
-def _at_speed(case: Case, part: float, speed: float) -> dict[str, str]:
-    """Another plate speed at equal travel."""
-    changes = {"dem.plate_speed": _text(part * speed), "dem.max_time": _text(case.dem.max_time / part)}
-    if case.homogenize.start != "auto":
-        changes["homogenize.start"] = _text(float(case.homogenize.start) / part)
+    if axis == "replicas":  # together they average as long as the case does
+        count = case.varied(changes).dem.replicas
+        changes["dem.max_time"] = _text(start + (case.dem.max_time - start) / count)
+    elif axis == "plate_speed":  # equal travel
+        part = float(case.varied(changes).dem.plate_speed) / basis.plate_speed
+        changes["dem.max_time"] = _text(case.dem.max_time / part)
+        if start:
+            changes["homogenize.start"] = _text(start / part)
+    elif axis == "ranks":  # another filling, for what is in the store would be taken whatever the ranks
+        changes["dem.seed"] = str(case.dem.seed + 2 * _OTHER)
     return changes
 
 
 def _combined(case: Case, single: Sequence[Rung]) -> Iterator[Rung]:
-    """Coarsest with fastest, which is the cheapest; finest with slowest, which is the best."""
+    """Coarsest with fastest, which is the cheapest; finest in two fillings, which is the best."""
 
-    def factor(variant: Variant) -> float:
-        return float(variant.changes.get("dem.coarse_grain_factor", case.dem.coarse_grain_factor))
+    def of(axis: str, key: str, usual: float) -> list[tuple[float, Variant]]:
+        rungs = [rung.variant for rung in single if rung.axis in ("", axis)]
+        return sorted(((float(v.changes.get(key, usual)), v) for v in rungs), key=lambda pair: pair[0])
 
-    sizes = [rung.variant for rung in single if rung.axis in ("", "coarse_grain_factor")]
+    sizes = of("coarse_grain_factor", "dem.coarse_grain_factor", case.dem.coarse_grain_factor)
     speeds = [rung.variant for rung in single if rung.axis == "plate_speed"]
-    if len(speeds) < len(SPEEDS):
-        return
-    fast, slow = speeds
-    for axis, size, speed in ((CHEAP, max(sizes, key=factor), fast), (BEST, min(sizes, key=factor), slow)):
-        if size.changes:
-            yield Rung(axis, Variant(f"{size.name}-{speed.name}", size.changes | speed.changes))
+    if speeds and (size := sizes[-1][1]).changes:
+        fast = max(speeds, key=lambda variant: float(case.varied(variant.changes).dem.plate_speed))
+        yield Rung(CHEAP, Variant(f"{size.name}-{fast.name}", size.changes | fast.changes))
+    if (size := sizes[0][1]).changes:
+        yield Rung(BEST, Variant(f"{size.name}-replicas-2", size.changes | {"dem.replicas": "2"}))
 
 
 def affordable(rungs: Sequence[Rung], cost: Callable[[Rung], float], budget: float) -> tuple[list[Rung], list[Rung]]:
@@ -149,15 +201,6 @@ def affordable(rungs: Sequence[Rung], cost: Callable[[Rung], float], budget: flo
         kept.remove(dearest)
         dropped.append(dearest)
     return kept, dropped
-
-
-def check_axes(rungs: Sequence[Rung], wanted: Sequence[str]) -> list[Rung]:
-    """The rungs along some axes alone, all where none is named; CaseError for an axis that there is not."""
-    known = dict.fromkeys(rung.axis for rung in rungs if rung.axis)
-    for axis in wanted:
-        if axis not in known:
-            raise CaseError(f"{axis} is no axis of this study; there are {', '.join(known)}", place="--axis")
-    return [rung for rung in rungs if not rung.axis or not wanted or rung.axis in wanted]
 
 
 def _text(value: float) -> str:

@@ -54,6 +54,6 @@ def test_a_study_runs_its_points_and_tells_error_against_time(tmp_path: Path) ->
     assert "Recommended settings" in page
 
     case = load_case(SMOKE, dict(text.split("=") for text in ARGUMENTS if "=" in text))
-    again = prepare_study(make_study(case, 0.002, 2, ["plate_speed"]), tmp_path / "results")
+    again = prepare_study(make_study(case, 0.002, 2, {"plate_speed": []}), tmp_path / "results")
     assert again.folder.root == folder
     assert not again.points

@@ -21,7 +21,8 @@ def test_reactor_is_the_test_reactor():
     case = load_case(ROOT / "cases" / "reactor.yaml")
     assert case.outline.wall == ((1.0, 5.9), (1.0, 4.9), (0.5, 3.9), (0.5, 3.4), (1.156, 3.4), (1.156, 0.0))
     assert list(case.outline.sections) == ["a", "b", "c", "d", "e", "f"]
-    assert case.material.size.radii.normal.mean == 0.06
+    assert case.material.size.radii.normal.mean == 0.03
+    assert case.dem.coarse_grain_factor == 2
 
 
 def test_paper_case_has_the_published_numbers():

@@ -40,7 +40,7 @@ OPTIONS = [
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
     """Results with a study of the smoke scene."""
-    case = make_study(load_case(SMOKE), 1, 1, ["plate_speed"]).case
+    case = make_study(load_case(SMOKE), 1, 1, {"plate_speed": []}).case
     folder = tmp_path / "smoke-study"
     folder.mkdir()
     stored = {"case": case.model_dump(mode="json", exclude_none=True), "options": [asdict(one) for one in OPTIONS]}

@@ -32,12 +32,12 @@ class Chain:
         return (Segment(self.run, float(number), number + 1.0) for number in range(len(self.wall)))
 
     def reports(self):
-        return [{"wall_seconds": seconds, "ranks": 1} for seconds in self.wall]
+        return [{"processor_seconds": seconds, "ranks": 1} for seconds in self.wall]
 
 
 @pytest.fixture
 def settled(tmp_path: Path) -> Path:
-    (tmp_path / "settle.json").write_text(json.dumps({"wall_seconds": 3.0}))
+    (tmp_path / "settle.json").write_text(json.dumps({"processor_seconds": 3.0, "ranks": 1}))
     return tmp_path
 
 

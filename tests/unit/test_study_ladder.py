@@ -10,13 +10,13 @@ import pytest
 from granpipe.case import load_case
 from granpipe.errors import CaseError
 from granpipe.plan import make_plan
-from granpipe.study.ladder import BASE, BEST, Basis, Rung, affordable, check_axes, ladder
+from granpipe.study.ladder import BASE, BEST, CHEAP, Basis, Rung, affordable, ladder, read_axes
 from granpipe.study.variants import Variant
 from granpipe.study_sweep import COARSEST, make_study, particle_plans
 
 CASES = Path(__file__).parents[2] / "cases"
 SMALL = {"material.size": "{diameter: 1.6 cm}", "dem.coarse_grain_factor": "1.25"}
-BASIS = Basis(1e6, 1e-4, 0.02, 0.1, "dem", ("dem",))
+BASIS = Basis(1e6, 1e-4, 0.02, 0.1, 16, "dem", ("dem",))
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +73,31 @@ def test_ranks_are_varied_only_where_there_are_cores(case) -> None:
     assert not along(ladder(case, BASIS, every), "ranks")
 
 
-def test_the_best_point_is_finest_and_slowest(case) -> None:
+def test_the_best_point_is_finest_in_two_fillings(case) -> None:
     (changes,) = along(ladder(case, BASIS, every), BEST)
     assert float(changes["dem.coarse_grain_factor"]) == 1
-    assert float(changes["dem.plate_speed"]) == 0.01
+    assert changes["dem.replicas"] == "2"
+
+
+def test_the_cheapest_point_is_coarsest_and_fastest(case) -> None:
+    (changes,) = along(ladder(case, BASIS, every), CHEAP)
+    assert float(changes["dem.coarse_grain_factor"]) == pytest.approx(1.875)
+    assert float(changes["dem.plate_speed"]) == 0.04
+
+
+def test_facets_of_other_walls_can_be_quartered(case) -> None:
+    facets = [int(changes["dem.facets"]) for changes in along(ladder(case, BASIS, every), "facets")]
+    assert facets == [8, 32]
+
+
+def test_values_of_the_user_take_the_place_of_the_usual_ones(case) -> None:
+    axes = read_axes(["coarse_grain_factor=3, 1", "plate_speed=4 cm/s", "seed"])
+    rungs = ladder(case, BASIS, every, axes)
+    factors = [changes["dem.coarse_grain_factor"] for changes in along(rungs, "coarse_grain_factor")]
+    assert factors == ["3", "1"]
+    (fast,) = along(rungs, "plate_speed")
+    assert float(fast["dem.max_time"]) == pytest.approx(case.dem.max_time / 2)
+    assert {rung.axis for rung in rungs} == {"", "coarse_grain_factor", "plate_speed", "seed"}
 
 
 def test_what_does_not_fit_the_scene_is_left_out(case) -> None:
@@ -87,11 +108,11 @@ def test_what_does_not_fit_the_scene_is_left_out(case) -> None:
 
 
 def test_an_open_outlet_has_no_plate_to_vary(case) -> None:
-    assert not along(ladder(case, Basis(1e6, 1e-4, 0.0, 0.1, "dem", ("dem",)), every), "plate_speed")
+    assert not along(ladder(case, replace(BASIS, plate_speed=0.0), every), "plate_speed")
 
 
 def test_a_fluid_varies_in_its_model_only(case) -> None:
-    rungs = ladder(case, Basis(0, 0, 0, 0, "fluid", ("fluid", "hybrid")), every)
+    rungs = ladder(case, Basis(0, 0, 0, 0, 0, "fluid", ("fluid", "hybrid")), every)
     assert [rung.axis for rung in rungs] == ["", "model"]
 
 
@@ -105,13 +126,21 @@ def test_the_dearest_are_dropped_but_never_the_case() -> None:
     assert [rung.variant.name for rung in kept] == [BASE]
 
 
-def test_an_unknown_axis_is_refused_and_the_known_ones_told() -> None:
-    with pytest.raises(CaseError, match="there are x"):
-        check_axes([Rung("", Variant(BASE, {})), Rung("x", Variant("a", {}))], ["y"])
+@pytest.mark.parametrize(
+    ("word", "told"), [("colour", "there are model, coarse_grain_factor"), ("best=3", "takes no values")]
+)
+def test_an_axis_that_there_is_not_is_refused(word, told) -> None:
+    with pytest.raises(CaseError, match=told):
+        read_axes([word])
+
+
+def test_an_axis_along_which_nothing_is_possible_is_refused(case) -> None:
+    with pytest.raises(CaseError, match="nothing along plate_speed"):
+        ladder(case, replace(BASIS, plate_speed=0.0), every, read_axes(["plate_speed=0.1"]))
 
 
 def test_all_points_have_one_grid_as_fine_as_the_smallest_particles_need(case) -> None:
-    study = make_study(case, 10, 2, ["coarse_grain_factor", "plate_speed"])
+    study = make_study(case, 10, 2, read_axes(["coarse_grain_factor", "plate_speed"]))
     plans = [make_plan(study.case.varied(rung.variant.changes | {"dem.ranks": "1"})) for rung in study.rungs]
     assert len({plan.grid.cell for plan in plans}) == 1
     finest = min(part.dem.classes.sauter_diameter for plan in plans for part in particle_plans(plan))
