@@ -188,7 +188,7 @@ class Chain:
         """The health to be kept by a run that starts from this bed."""
         settings = self.settings
         friction = self.plan.case.contact.wall.friction
-        vessel = surroundings(self.plan.outline, settings, friction, self.deck.feed_speed)
+        vessel = surroundings(self.plan.outline, settings, friction)
         catcher = settings.plate_z - self.deck.catcher_depth if settings.open_outlet else float("-inf")
         fallen = int((bed.position[:, 2] < catcher).sum())
         return FlowHealth(settings, self.plan.case, vessel, len(bed), fallen)

@@ -17,13 +17,8 @@ PROFILE = 2.0
 _ROWS = 1000
 
 
-def surroundings(outline: Outline, settings: Settings, wall_friction: float, feed_speed: float) -> Surroundings:
-    """Walls, openings and the scales of the flow.
-
-    Parameters
-    ----------
-    feed_speed : of new particles [m/s]
-    """
+def surroundings(outline: Outline, settings: Settings, wall_friction: float) -> Surroundings:
+    """Walls, openings and the scales of the flow."""
     speed = settings.inlet_speed * (outline.inlet_radius / outline.outlet_radius) ** 2
     bulk_flow = speed * np.pi * outline.outlet_radius**2
     passages = outline.passages()
@@ -34,7 +29,6 @@ def surroundings(outline: Outline, settings: Settings, wall_friction: float, fee
         levels={f"{passage.name} at z = {passage.z:.4g} m": passage.z for passage in passages},
         flow=PACKING * bulk_flow,
         speed=speed,
-        feed_speed=feed_speed,
         flow_energy=_flow_energy(outline, bulk_flow),
         elastic_energy=_elastic_energy(outline, settings, wall_friction),
         fall=max((passage.z - settings.bottom for passage in edges), default=0.0),

@@ -173,7 +173,7 @@ def make_deck(
         fill_meshes=(*vessel, "plate"),
         feed=_slab("feed", feed[0], 0),
         feed_seed=next(seeds),
-        feed_speed=8 * settings.inlet_speed,  # loose as it is, the feed must outrun the bed that it tops up
+        feed_speed=settings.feed_speed,
         slabs=tuple(_slab(f"fill{i + 1}", piece, next(seeds)) for i, piece in enumerate(bed)),
         insert_every=insert_every,
         insert_fraction=INSERT_FRACTION,

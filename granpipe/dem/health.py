@@ -63,7 +63,6 @@ class Surroundings:
     levels : name → height [m] of every opening that all must pass
     flow : solids that the plate lets through, or free discharge [m³/s]
     speed : of the plate, or of the free discharge through the outlet [m/s]
-    feed_speed : of new particles [m/s]
     flow_energy : kinetic energy of a bed that flows at twice the mean speed everywhere [J/kg]
     elastic_energy : that the bed holds at most [J/kg], and sets free when it sticks and slips
     fall : greatest height of free fall that the flow may take [m]; 0 where it sinks with the plate all the way
@@ -74,7 +73,6 @@ class Surroundings:
     levels: Mapping[str, float]
     flow: float
     speed: float
-    feed_speed: float
     flow_energy: float
     elastic_energy: float
     fall: float
@@ -124,7 +122,7 @@ class FlowHealth:
         self.mass = case.material.density * settings.classes.mean_volume
         self.energy = _mean_energy(vessel, case.material.density, present * self.mass)
         self.burst = _burst_energy(settings, vessel, case.material.density, present * self.mass)
-        self.fed = _Fed(settings, vessel)
+        self.fed = _Fed(settings)
         self.drift = _Mean(round(settings.classes.sauter_diameter / (vessel.speed * settings.time_step)))
         self.passing = _Passing(settings, vessel)
 
@@ -180,11 +178,11 @@ class FlowHealth:
     def _check_speed(self, snapshot: Snapshot) -> None:
         settings, parts = self.settings, self.case.contact
         speed = float(np.linalg.norm(snapshot.velocity, axis=1).max(initial=0.0))
-        fall = math.sqrt(2 * contact.GRAVITY * (settings.wall_top - settings.bottom))
+        fall = math.hypot(math.sqrt(2 * contact.GRAVITY * (settings.wall_top - settings.bottom)), settings.feed_speed)
         if speed > PEAK_SPEED * fall:
             raise RunError(
-                f"step {snapshot.step}: a particle moves at {speed:.3g} m/s; a free fall through the whole vessel ends "
-                f"at {fall:.3g} m/s: the contacts are unstable; {_CALMER}"
+                f"step {snapshot.step}: a particle moves at {speed:.3g} m/s; a free fall of the feed through the whole "
+                f"vessel ends at {fall:.3g} m/s: the contacts are unstable; {_CALMER}"
             )
         if speed * settings.time_step > settings.skin / 2:
             raise RunError(
@@ -240,9 +238,9 @@ def _fall_time(height: float) -> float:
 class _Fed:
     """Energy that particles bring along which are fed above the bed: they come in lots, and fall onto it."""
 
-    def __init__(self, settings: Settings, vessel: Surroundings) -> None:
+    def __init__(self, settings: Settings) -> None:
         height = settings.feed_top - settings.feed_bottom
-        self.each = 0.5 * vessel.feed_speed**2 + contact.GRAVITY * height  # [J/kg]
+        self.each = 0.5 * settings.feed_speed**2 + contact.GRAVITY * height  # [J/kg]
         self.steps = _fall_time(height) / settings.time_step
         self.inserted: deque[tuple[int, int]] = deque([(-1, 0)])
 

@@ -30,6 +30,13 @@ that the disk that their sums take does not grow with the length of the run."""
 BEVERLOO_SHARE = 0.1
 """Flow through every opening over its free discharge, at most: beyond it inertia shows in the field."""
 
+MOST_BEVERLOO = 1.5
+"""The same at the most: a plate that sinks faster leaves the solids behind. Beverloo is good to 10 %, and below a cone
+more falls."""
+
+FEED = 8.0
+"""Speed of new particles over that of the bed at the inlet: loose as they are, they must outrun the bed they top up."""
+
 SPEED_ERROR = 0.05
 """Change of the bulk friction by inertia that the plate speed is chosen for. No key of the case: `statistical_error` is
 another thing, and a tighter one must continue the same run."""
@@ -165,6 +172,11 @@ class Settings:
         return self.segment_steps * self.segments
 
     @property
+    def feed_speed(self) -> float:
+        """Of new particles [m/s]."""
+        return FEED * self.inlet_speed
+
+    @property
     def duration(self) -> float:
         """Simulated time of production [s]."""
         return self.steps * self.time_step
@@ -186,7 +198,8 @@ def choose(case: Case, vessel: Vessel) -> Settings:
     stress = bed_stress(vessel.bed(level, plate_z), PACKING * case.material.density, case.contact.wall.friction)
     youngs, youngs_choice = _youngs_modulus(case, stress)
     speed, speed_choice = _flow_speed(case, vessel, classes, stress)
-    fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z)) + speed
+    inlet_speed = speed * (vessel.outlet_radius / vessel.inlet_radius) ** 2
+    fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + speed
     step, rayleigh, step_choice = _time_step(case, classes, youngs, fall, skin)
     travel = 0.0 if open_outlet else speed * case.dem.max_time
     dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))
@@ -203,7 +216,7 @@ def choose(case: Case, vessel: Vessel) -> Settings:
         rayleigh_time=rayleigh,
         time_step=step,
         plate_speed=0.0 if open_outlet else speed,
-        inlet_speed=speed * (vessel.outlet_radius / vessel.inlet_radius) ** 2,
+        inlet_speed=inlet_speed,
         open_outlet=open_outlet,
         feed_bottom=level - feed / 2,  # it holds half its height of bed when it is content
         feed_top=level + feed / 2,
@@ -349,6 +362,13 @@ def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStr
     calm, calm_name = _least(vessel, calm_speed)
     given = case.dem.plate_speed
     speed = contact.two_digits(min(quick, calm)) if given == "auto" else float(given)
+    free = quick / BEVERLOO_SHARE
+    if speed > MOST_BEVERLOO * free:
+        raise CaseError(
+            f"{speed:.3g} m/s is {speed / free:.2g} times what falls freely through the {quick_name} (Beverloo): the "
+            f"plate would leave the solids behind; at most {MOST_BEVERLOO * free:.2g} m/s, or dem.outlet: open",
+            key=("dem", "plate_speed"),
+        )
     criterion = (
         f"at most {BEVERLOO_SHARE:.0%} of the free discharge (Beverloo) at the {quick_name}: {quick:.3g} m/s; "
         f"inertial number at most {inertia:.2g} at the {calm_name}: {calm:.3g} m/s"

@@ -24,7 +24,7 @@ SPEED = 0.03  # of the plate in the tiny case
 def health(tiny: Path, present: int = 100, **changes: str) -> FlowHealth:
     case = load_case(tiny, {key.replace("__", "."): value for key, value in changes.items()})
     plan = make_plan(case)
-    return FlowHealth(plan.dem, case, surroundings(plan.outline, plan.dem, case.contact.wall.friction, 0.1), present)
+    return FlowHealth(plan.dem, case, surroundings(plan.outline, plan.dem, case.contact.wall.friction), present)
 
 
 def status(step: int = 0, particles: int = 100, energy: float = 1e-3, inserted: int = 0, discharged: int = 0) -> Status:
@@ -64,7 +64,7 @@ def test_what_had_fallen_before_a_resume_may_go_unseen_and_no_more(tiny: Path) -
     case = load_case(tiny)
     plan = make_plan(case)
     watch = FlowHealth(
-        plan.dem, case, surroundings(plan.outline, plan.dem, case.contact.wall.friction, 0.1), present=100, fallen=2
+        plan.dem, case, surroundings(plan.outline, plan.dem, case.contact.wall.friction), present=100, fallen=2
     )
     for left in (100, 99, 98):
         watch.row(status(particles=left))

@@ -156,3 +156,10 @@ def test_the_plan_names_what_it_leaves_out(tiny: Path) -> None:
         stage.name for stage in plan_of(tiny, contact__rolling_model="none", contact__rolling_friction="0").left_out
     }
     assert {"rolling model", "size classes", "obstacle meshes"} <= left
+
+
+def test_a_plate_that_would_leave_the_solids_behind_is_refused(tiny: Path) -> None:
+    auto = plan_of(tiny).dem.plate_speed
+    assert "too fast" in plan_of(tiny, dem__plate_speed=repr(10 * auto)).breaches[0]
+    with pytest.raises(CaseError, match="leave the solids behind"):
+        plan_of(tiny, dem__plate_speed=repr(100 * auto))
