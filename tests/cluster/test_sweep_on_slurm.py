@@ -50,7 +50,7 @@ axes:
   - contact.friction: [0.2, 0.5, 0.8]
   - homogenize.start: [2 s, 3 s]  # such two share all that LIGGGHTS does
 points:
-  long: {dem.seed: 2, dem.max_time: 150 s}
+  long: {dem.seed: 2, dem.max_time: 45 s}
   lost: {dem.seed: 3, dem.max_time: 20 s}
   killed: {dem.seed: 4, dem.max_time: 20 s}
   two-ranks: {dem.seed: 5, dem.ranks: 2}
