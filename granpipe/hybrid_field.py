@@ -17,7 +17,6 @@ from granpipe.field import Array, Field, Grid, Mask, cell_squares, flux_from_psi
 from granpipe.fluid.fictitious import FluidSolution, solve_fluid, to_field
 from granpipe.fluid.forcing import KnownFlow
 from granpipe.fluid_field import section_mesh, wall_law
-from granpipe.pilot import piloted
 from granpipe.plan import Plan
 from granpipe.progress import Progress
 from granpipe.results import Made
@@ -37,8 +36,7 @@ def hybrid_field(plan: Plan, store: Store, tools: dict[str, str], progress: Prog
     parts: Parts = []
     for span, part in plan.parts:
         progress.note(f"sub-model of section {span.name}")
-        stiff = piloted(part, store, tools, progress)
-        parts.append((span, dem_field(stiff, simulate(stiff, store, tools, progress, Judge(stiff)))))
+        parts.append((span, dem_field(part, simulate(part, store, tools, progress, Judge(part)))))
     if case.fluid.known_field is not None:
         earlier = Field.load(Path(case.fluid.known_field))
         parts += [(span, Made(_cut_out(earlier, span, plan), ())) for span in plan.followed]

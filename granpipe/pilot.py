@@ -7,7 +7,7 @@ from pathlib import Path
 
 from granpipe.dem import contact
 from granpipe.jsonfile import read_json
-from granpipe.plan import Plan, make_plan
+from granpipe.plan import Plan, choices_of, make_plan
 from granpipe.progress import Progress
 from granpipe.simulate import settle
 from granpipe.store import Store
@@ -20,11 +20,14 @@ MARGIN = 1.1
 
 
 def piloted(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Plan:
-    """The plan with a Young's modulus that keeps the settled bed within the limits of overlap.
+    """The plan with a Young's modulus that keeps every settled bed within the limits of overlap.
 
     A modulus that the case gives is left alone, and so is one that the bed is content with.
     """
-    if plan.case.contact.youngs_modulus != "auto":
+    if plan.parts:
+        parts = tuple((span, piloted(part, store, tools, progress)) for span, part in plan.parts)
+        return replace(plan, parts=parts, choices=choices_of(parts))
+    if plan.settings is None or plan.case.contact.youngs_modulus != "auto":
         return plan
     for _ in range(CHOICES_AGAIN):
         mean, p99 = overlap(settle(plan, store, tools, progress))

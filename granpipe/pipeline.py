@@ -44,7 +44,7 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
     folder, store = results / file.case.name, store or Store(results / ".store")
     plan = plan_case(file)
     tools = library_versions()
-    if plan.settings is not None or plan.parts:
+    if plan.runs:
         tools |= program_versions(store.root / "programs.json")
     if (known := file.case.fluid.known_field) is not None and plan.model == "hybrid":
         tools["known field"] = _digest(file, known)
@@ -54,6 +54,9 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
     for warning in plan.warnings:
         progress.note(f"note: {warning}")
     try:
+        if plan.runs:
+            _require_programs(plan)
+            plan = _piloted(plan, store, tools, progress)
         made = _ROUTES[plan.model](plan, store, tools, progress)
     except CaseError as error:
         raise file.places.explain(error) from None
@@ -80,13 +83,16 @@ def _digest(file: CaseFile, known: str) -> str:
         raise file.places.explain(CaseError(message, ("fluid", "known_field"))) from None
 
 
+def _piloted(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Plan:
+    from granpipe.pilot import piloted
+
+    return piloted(plan, store, tools, progress)
+
+
 def _dem(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
     from granpipe.dem_field import Judge, dem_field
-    from granpipe.pilot import piloted
     from granpipe.simulate import simulate
 
-    _require_programs(plan, plan.dem.ranks)
-    plan = piloted(plan, store, tools, progress)
     productions = simulate(plan, store, tools, progress, Judge(plan))
     progress.stage("field")
     return dem_field(plan, productions)
@@ -102,17 +108,15 @@ def _fluid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) 
 def _hybrid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
     from granpipe.hybrid_field import hybrid_field
 
-    if plan.parts:
-        _require_programs(plan, max(part.dem.ranks for _, part in plan.parts))
     return hybrid_field(plan, store, tools, progress)
 
 
-def _require_programs(plan: Plan, ranks: int) -> None:
+def _require_programs(plan: Plan) -> None:
     """Refuse before the long work what would fail after it: without EGL or a display VTK ends the whole process."""
     from granpipe.doctor import require
 
     needed = ["gmsh library"]
-    if ranks > 1:
+    if any(run.dem.ranks > 1 for run in plan.runs):
         needed.append("mpirun")
     if "vessel" in plan.case.figures and not os.environ.get("DISPLAY"):
         needed.append("EGL library")

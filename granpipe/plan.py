@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -88,6 +89,11 @@ class Plan:
         """The settings of a plan that has a DEM run of its own."""
         assert self.settings is not None
         return self.settings
+
+    @property
+    def runs(self) -> tuple[Plan, ...]:
+        """The DEM runs of the plan: its own, those of its sub-models, or none."""
+        return (self,) if self.settings is not None else tuple(part for _, part in self.parts)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -268,7 +274,7 @@ class _Scene:
             plan,
             parts=parts,
             followed=cut if earlier else (),
-            choices=tuple(dict.fromkeys(choice for _, part in parts for choice in part.choices)),
+            choices=choices_of(parts),
             particle_steps=sum(part.particle_steps for _, part in parts),
             seconds=FLUID_SECONDS + sum(part.seconds for _, part in parts),
             disk_bytes=sum(part.disk_bytes for _, part in parts),
@@ -337,6 +343,11 @@ class _Scene:
             openings=passages,
             shares=tuple(1.0 if p.required else min(1.0, p.area / float(outline.area(p.z))) for p in passages),
         )
+
+
+def choices_of(parts: Iterable[tuple[Span, Plan]]) -> tuple[Choice, ...]:
+    """The choices of sub-models, each once."""
+    return tuple(dict.fromkeys(choice for _, part in parts for choice in part.choices))
 
 
 def assumed_rate(ranks: int) -> float:

@@ -30,7 +30,6 @@ from granpipe.study.budget import Option, Part
 from granpipe.study.limit import Slope, fit_slope
 from granpipe.study_fields import PSI, Method, Ran, field_of, methods_of
 from granpipe.study_measures import Scene
-from granpipe.study_sweep import particle_plans
 from granpipe.sweep import Folder
 from granpipe.sweep_points import point_case
 from granpipe.tools import library_versions, program_versions
@@ -75,7 +74,7 @@ class Point:
     @property
     def diameter(self) -> float:
         """Largest Sauter diameter of its particles [m]; 0 without any."""
-        return max((part.dem.classes.sauter_diameter for part in particle_plans(self.plan)), default=0.0)
+        return max((part.dem.classes.sauter_diameter for part in self.plan.runs), default=0.0)
 
     @property
     def setting(self) -> dict[str, float]:
@@ -154,7 +153,7 @@ def _point(
     file = point_case(folder, name, ranks=1)
     plan, results = plan_case(file), folder.points / name
     field = Field.load(results / "field.npz")
-    runs = [_ran(part, store, tools) for part in particle_plans(plan)]
+    runs = [_ran(part, store, tools) for part in plan.runs]
     ran = runs[0] if plan.settings is not None else None
     cores = max((one.cores for one in runs), default=1)
     seconds = sum(one.seconds(np.inf) for one in runs)

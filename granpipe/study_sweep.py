@@ -143,7 +143,7 @@ def _plan(case: Case, variant: Variant) -> Plan | None:
 
 def _busy(plan: Plan, cores: int) -> int:
     """How many of the cores a plan keeps busy, as its forecast has it."""
-    ranks = max((part.dem.ranks for part in particle_plans(plan)), default=1)
+    ranks = max((part.dem.ranks for part in plan.runs), default=1)
     return ranks * min(plan.case.dem.replicas, max(1, cores // ranks))
 
 
@@ -155,12 +155,7 @@ def _needed(case: Case, rung: Rung) -> Plan:
 
 def _common_cell(plans: Sequence[Plan]) -> float:
     """The finest of the cells that the points would have of their own, so that rows are a multiple of `COARSEST`."""
-    diameters = [part.dem.classes.sauter_diameter for plan in plans for part in particle_plans(plan)]
+    diameters = [part.dem.classes.sauter_diameter for plan in plans for part in plan.runs]
     height = plans[0].outline.z_top - plans[0].outline.z_bottom
     size = min(diameters) / CELLS_PER_DIAMETER if diameters else plans[0].grid.cell
     return height / (COARSEST * math.ceil(height / (COARSEST * size)))
-
-
-def particle_plans(plan: Plan) -> list[Plan]:
-    """The DEM runs of a plan: its own, those of its sub-models, or none."""
-    return [plan] if plan.settings is not None else [part for _, part in plan.parts]

@@ -71,7 +71,7 @@ def _point(sweep: Sweep, folder: Folder, variant: Variant) -> Point:
         )  # they may be too many for this machine, but run elsewhere
     except CaseError as error:
         raise sweep.explain(error, variant) from None
-    return Point(variant.name, 0 if ranks == "auto" else ranks, plan.settings is not None or bool(plan.parts))
+    return Point(variant.name, 0 if ranks == "auto" else ranks, bool(plan.runs))
 
 
 def run_points(folder: Folder, names: Iterable[str], ranks: int, progress: Progress) -> None:

@@ -12,7 +12,7 @@ from granpipe.errors import CaseError
 from granpipe.plan import make_plan
 from granpipe.study.ladder import BASE, BEST, CHEAP, Basis, Rung, affordable, ladder, read_axes
 from granpipe.study.variants import Variant
-from granpipe.study_sweep import COARSEST, make_study, particle_plans
+from granpipe.study_sweep import COARSEST, make_study
 
 CASES = Path(__file__).parents[2] / "cases"
 SMALL = {"material.size": "{diameter: 1.6 cm}", "dem.coarse_grain_factor": "1.25"}
@@ -143,7 +143,7 @@ def test_all_points_have_one_grid_as_fine_as_the_smallest_particles_need(case) -
     study = make_study(case, 10, 2, read_axes(["coarse_grain_factor", "plate_speed"]))
     plans = [make_plan(study.case.varied(rung.variant.changes | {"dem.ranks": "1"})) for rung in study.rungs]
     assert len({plan.grid.cell for plan in plans}) == 1
-    finest = min(part.dem.classes.sauter_diameter for plan in plans for part in particle_plans(plan))
+    finest = min(part.dem.classes.sauter_diameter for plan in plans for part in plan.runs)
     assert plans[0].grid.cell <= finest / 4
     assert plans[0].grid.shape[0] % COARSEST == 0
 
