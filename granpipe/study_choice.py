@@ -1,8 +1,12 @@
-"""`granpipe run --total-error`: the cheapest setting that a study of the same scene has found good enough."""
+"""`granpipe run --total-error`: the cheapest setting that a study has found good enough.
+
+A study of the same scene, the user's own or one that granpipe brings along, is taken at its word. For any other scene
+the studies that granpipe brings along are a guess: their settings are carried over in the scene's own measures.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
@@ -11,10 +15,14 @@ from typing import Any
 from granpipe.case import Case, CaseFile, resolve
 from granpipe.errors import CaseError
 from granpipe.jsonfile import read_json
+from granpipe.plan import Plan, make_plan
 from granpipe.study.budget import PLAIN, Option, advise, percent
 from granpipe.study_report import read_options
 from granpipe.study_sweep import study_name
 from granpipe.yamlfile import Places
+
+SHIPPED = Path(__file__).parent / "templates" / "studies"
+"""Studies that granpipe brings along, as their ``study.json``; made by ``benchmarks/study.py``."""
 
 _SETTLED = (
     ("contact", "youngs_modulus"),
@@ -31,53 +39,86 @@ _SETTLED = (
 
 @dataclass(frozen=True)
 class Chosen:
-    """What will be run, and what to expect; not `proven` where only the estimate is within the tolerance."""
+    """What will be run, and what to expect.
+
+    Parameters
+    ----------
+    study : where the option is from
+    proven : the option's 95 % bound is within the tolerance, not only its estimate
+    guessed : the study is one of another scene
+    """
 
     file: CaseFile
     option: Option
+    study: str
     proven: bool
+    guessed: bool = False
 
     @property
     def expected(self) -> str:
         """For the user, before the run."""
         error, option = self.option.error(), self.option
+        which = f"point {option.point}, method {option.method}, {self.study}"
+        if self.guessed:
+            return (
+                f"no study of this scene; as {which}, in this scene's measures: there the error was "
+                f"{percent(error.value)}, at most {percent(error.upper)}; here that is a guess, which granpipe study "
+                "would test"
+            )
         sure = "" if self.proven else " (the study could not prove it)"
         return (
-            f"point {option.point} of the study, method {option.method}: expecting {percent(error.value)} of error, "
-            f"at most {percent(error.upper)}{sure}, in {option.seconds:.0f} s on {option.cores} cores of the machine "
-            "that made the study"
+            f"{which}: expecting {percent(error.value)} of error, at most {percent(error.upper)}{sure}, in "
+            f"{option.seconds:.0f} s on {option.cores} cores of the machine that made the study"
         )
 
     def obtained(self, folder: Path) -> str:
         """For the user, after the run."""
         provenance = read_json(folder / "provenance.json")
-        took = f"{provenance['wall_seconds']:.0f} s"
+        took = f"took {provenance['wall_seconds']:.0f} s"
         noise = provenance["figures"].get("statistical_error", {}).get("whole")
         if noise is None:
-            return f"took {took}; this method does not tell its statistical error"
+            return f"{took}; this method does not tell its statistical error"
         rest = self.option.systematic["whole"]
+        source = "guessed from another scene" if self.guessed else "from the study"
         return (
-            f"took {took}; error {hypot(noise, rest.value):.1%}: {noise:.1%} statistical as measured now, "
-            f"{rest.value:.1%} from the study"
+            f"{took}; error {hypot(noise, rest.value):.1%}: {noise:.1%} statistical as measured now, "
+            f"{rest.value:.1%} {source}"
         )
 
 
 def choose(file: CaseFile, results: Path, tolerance: float) -> Chosen:
-    """The cheapest option of the case's study that is good enough; CaseError where there is none."""
-    folder = results / study_name(file.case)
-    if not (folder / "study.json").is_file():
-        raise CaseError(f"{folder} holds no study of this case; make one with granpipe study", place="--total-error")
-    studied = read_json(folder / "study.json")["case"]
-    if _scene(studied) != _scene(file.case.model_dump(mode="json", exclude_none=True)):
-        message = f"{folder} is a study of another vessel or material; run granpipe study again"
+    """The cheapest option that is good enough, of a study of the case or else of another scene.
+
+    CaseError where no study has one.
+    """
+    own = results / study_name(file.case) / "study.json"
+    if own.is_file() and _scene(read_json(own)["case"]) != _scene(_plain(file.case)):
+        message = f"{own.parent} is a study of another vessel or material; run granpipe study again, or move it away"
         raise CaseError(message, place="--total-error")
-    options = read_options(folder)
+    for study in (own, *shipped()):
+        if study.is_file() and _scene(studied := read_json(study)["case"]) == _scene(_plain(file.case)):
+            option, proven = _best(read_options(study), tolerance, study)
+            where = f"of the study in {study.parent}" if study == own else f"of granpipe's study of {study.stem}"
+            return Chosen(_with(file.case, studied, option), option, where, proven)
+    return _guess(file.case, tolerance)
+
+
+def shipped() -> Iterator[Path]:
+    """The studies that granpipe brings along."""
+    return iter(sorted(SHIPPED.glob("*.json")))
+
+
+def _best(options: list[Option], tolerance: float, study: Path) -> tuple[Option, bool]:
     advice = advise(options, tolerance)
     if advice.option is None:
         best = min(option.error().value for option in options if option.method != PLAIN)
-        message = f"no option of {folder} is within {tolerance:.2g}; the best has {best:.2g}"
+        message = f"no option of {study} is within {tolerance:.2g}; the best has {best:.2g}"
         raise CaseError(message, place="--total-error")
-    return Chosen(_with(file.case, studied, advice.option), advice.option, advice.proven)
+    return advice.option, advice.proven
+
+
+def _plain(case: Case) -> dict[str, Any]:
+    return case.model_dump(mode="json", exclude_none=True)
 
 
 def _scene(case: Mapping[str, Any]) -> dict[str, Any]:
@@ -87,10 +128,64 @@ def _scene(case: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with(case: Case, studied: Mapping[str, Any], option: Option) -> CaseFile:
-    """The case with the study's settings and the option's; its own target does not end the run."""
-    given = case.model_dump(mode="json", exclude_unset=True)
-    given.get("dem", {}).pop("statistical_error", None)
+    """The case with the study's settings and the option's."""
     changes = {f"{group}.{key}": str(studied[group][key]) for group, key in _SETTLED}
     changes |= {"model": studied["model"]} | dict(option.changes)
     changes.pop("dem.seed", None)  # any filling will do
+    return _changed(case, changes)
+
+
+def _changed(case: Case, changes: dict[str, str]) -> CaseFile:
+    """The case with changes; its own target does not end the run."""
+    given = case.model_dump(mode="json", exclude_unset=True)
+    given.get("dem", {}).pop("statistical_error", None)
     return resolve(given, Places(case.name), changes)
+
+
+def _guess(case: Case, tolerance: float) -> Chosen:
+    """An option of the first study that granpipe brings along whose setting this scene can take over."""
+    particles = case.varied({"model": "dem"})
+    for study in shipped():
+        options = [option for option in read_options(study) if option.method == "psi" and option.travel > 0]
+        option, proven = _best(options, tolerance, study)
+        model = resolve(read_json(study)["case"], Places(study.name), option.changes).case
+        changes = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
+        return Chosen(
+            _changed(case, changes), option, f"of granpipe's study of {study.stem}", proven=proven, guessed=True
+        )
+    raise CaseError("there is no study; make one with granpipe study", place="--total-error")
+
+
+def carried_over(model: Plan, case: Case) -> dict[str, str]:
+    """What gives a case the settings of another scene's run in its own measures.
+
+    These are the narrowest opening over d90, but never particles smaller than the material's; the plate speed over the
+    automatic one; the travel in outlet diameters.
+    """
+    fine = make_plan(case.varied({"dem.coarse_grain_factor": "1", "dem.plate_speed": "auto"}))
+    changes = {
+        "model": "dem",
+        "homogenize.method": "psi",
+        "homogenize.start": "auto",
+        "dem.coarse_grain_factor": f"{max(1.0, _narrowness(fine) / _narrowness(model)):.4g}",
+        "dem.plate_speed": "auto",
+    }
+    plan = make_plan(case.varied(changes))
+    if not plan.dem.open_outlet:
+        pace = model.dem.plate_speed / make_plan(model.case.varied({"dem.plate_speed": "auto"})).dem.plate_speed
+        changes["dem.plate_speed"] = f"{pace * plan.dem.plate_speed:.4g}"
+        plan = make_plan(case.varied(changes))
+    travel = model.case.dem.max_time / _turnover(model)
+    return changes | {"dem.max_time": f"{travel * _turnover(plan):.4g}"}
+
+
+def _narrowness(plan: Plan) -> float:
+    """Width of the narrowest opening over d90."""
+    return min(passage.gap for passage in plan.outline.passages() if passage.required) / plan.dem.classes.d90
+
+
+def _turnover(plan: Plan) -> float:
+    """Time in which the bed at the outlet moves by the outlet's diameter [s]."""
+    outline = plan.outline
+    speed = plan.dem.inlet_speed * (outline.inlet_radius / outline.outlet_radius) ** 2
+    return 2 * outline.outlet_radius / speed

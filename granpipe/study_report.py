@@ -51,16 +51,16 @@ def write_study(folder: Folder, case: Case, found: Findings, solves: Sequence[So
     return [root / name for name in ("report.html", "error_time.png", "options.csv", "points.csv", "study.json")]
 
 
-def read_options(folder: Path) -> list[Option]:
-    """The options of a study; DataError where there is none."""
-    stored = read_json(folder / "study.json")
+def read_options(study: Path) -> list[Option]:
+    """The options of a study, by its ``study.json``; DataError where there is none."""
+    stored = read_json(study)
     try:
         return [
             Option(**option | {"systematic": {name: Part(**part) for name, part in option["systematic"].items()}})
             for option in stored["options"]
         ]
     except (KeyError, TypeError) as error:
-        raise DataError(f"{folder / 'study.json'}: damaged ({error!r}); run the study again") from None
+        raise DataError(f"{study}: damaged ({error!r}); run the study again") from None
 
 
 def study_intro(found: Findings) -> list[str]:

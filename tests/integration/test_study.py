@@ -36,7 +36,7 @@ def test_a_study_runs_its_points_and_tells_error_against_time(tmp_path: Path) ->
     first = granpipe(tmp_path)
     assert first.returncode == 0, first.stderr
     folder = tmp_path / "results" / "smoke-study"
-    options = read_options(folder)
+    options = read_options(folder / "study.json")
     points = {option.point for option in options}
     assert points == {"base", "plate_speed-0_052"}  # the slow one is too dear
     assert "left out: plate_speed-0_013" in first.stderr

@@ -9,10 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from granpipe import study_choice
 from granpipe.case import CaseFile, load_case, read_case
 from granpipe.errors import CaseError
+from granpipe.plan import make_plan
 from granpipe.study.budget import Option, Part
-from granpipe.study_choice import choose
+from granpipe.study_choice import carried_over, choose, shipped
+from granpipe.study_report import read_options
 from granpipe.study_sweep import make_study
 
 SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
@@ -40,12 +43,24 @@ OPTIONS = [
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
     """Results with a study of the smoke scene."""
-    case = make_study(load_case(SMOKE), 1, 1, {"plate_speed": []}).case
     folder = tmp_path / "smoke-study"
     folder.mkdir()
-    stored = {"case": case.model_dump(mode="json", exclude_none=True), "options": [asdict(one) for one in OPTIONS]}
-    (folder / "study.json").write_text(json.dumps(stored))
+    write_study(folder / "study.json")
     return tmp_path
+
+
+@pytest.fixture
+def brought_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same study, but one of granpipe's own."""
+    monkeypatch.setattr(study_choice, "SHIPPED", tmp_path / "shipped")
+    (tmp_path / "shipped").mkdir()
+    write_study(tmp_path / "shipped" / "smoke.json")
+
+
+def write_study(file: Path) -> None:
+    case = make_study(load_case(SMOKE), 1, 1, {"plate_speed": []}).case
+    stored = {"case": case.model_dump(mode="json", exclude_none=True), "options": [asdict(one) for one in OPTIONS]}
+    file.write_text(json.dumps(stored))
 
 
 def smoke(**changes: str) -> CaseFile:
@@ -89,9 +104,46 @@ def test_a_study_of_another_material_is_refused(results: Path) -> None:
         choose(smoke(contact__friction="0.5"), results, 0.11)
 
 
-def test_without_a_study_the_remedy_is_told(tmp_path: Path) -> None:
+def test_without_any_study_the_remedy_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study_choice, "SHIPPED", tmp_path / "none")
     with pytest.raises(CaseError, match="granpipe study"):
         choose(smoke(), tmp_path, 0.11)
+
+
+@pytest.mark.usefixtures("brought_along")
+def test_a_study_that_granpipe_brings_along_counts_for_its_scene(tmp_path: Path) -> None:
+    chosen = choose(smoke(), tmp_path, 0.11)
+    assert (chosen.option.point, chosen.guessed) == ("fast", False)
+    assert "granpipe's study of smoke" in chosen.expected
+
+
+@pytest.mark.usefixtures("brought_along")
+def test_for_another_scene_its_setting_is_a_guess_in_that_scenes_measures(tmp_path: Path) -> None:
+    chosen = choose(smoke(material__size="{diameter: 1 cm}"), tmp_path, 0.05)
+    assert chosen.guessed
+    assert "a guess, which granpipe study would test" in chosen.expected
+    there, here = make_plan(smoke(dem__max_time="7").case), make_plan(chosen.file.case)
+    assert here.dem.classes.d90 == pytest.approx(there.dem.classes.d90, rel=1e-3)
+    assert here.case.dem.coarse_grain_factor == pytest.approx(2, rel=1e-3)
+
+
+def test_carried_over_settings_are_equal_in_the_measures_of_both_scenes() -> None:
+    model = make_plan(smoke(dem__plate_speed="5 cm/s").case)
+    wall = [(2 * r, 2 * z) for r, z in model.case.outline.wall]
+    sections = {"a": [wall[0][1], wall[-1][1]]}
+    case = smoke(outline__wall=json.dumps(wall), outline__sections=json.dumps(sections), outline__unit="m").case
+    plan = make_plan(case.varied(carried_over(model, case)))
+    assert plan.case.dem.coarse_grain_factor == pytest.approx(2, rel=1e-3)
+    travel = [p.dem.plate_speed * p.case.dem.max_time / p.outline.outlet_radius for p in (model, plan)]
+    assert travel[0] == pytest.approx(travel[1], rel=0.01)
+    pace = [p.dem.plate_speed / make_plan(p.case.varied({"dem.plate_speed": "auto"})).dem.plate_speed
+            for p in (model, plan)]  # fmt: skip
+    assert pace[0] == pytest.approx(pace[1], rel=0.01)
+
+
+def test_every_study_that_granpipe_brings_along_can_be_read() -> None:
+    for study in shipped():
+        assert read_options(study)
 
 
 def test_afterwards_it_says_what_it_got(results: Path) -> None:
