@@ -50,9 +50,9 @@ axes:
   - contact.friction: [0.2, 0.5, 0.8]
   - homogenize.start: [2 s, 3 s]  # such two share all that LIGGGHTS does
 points:
-  long: {dem.seed: 2, dem.max_time: 45 s}
-  lost: {dem.seed: 3, dem.max_time: 20 s}
-  killed: {dem.seed: 4, dem.max_time: 20 s}
+  long: {dem.seed: 2, dem.max_time: 36 s}
+  lost: {dem.seed: 3, dem.max_time: 14 s}
+  killed: {dem.seed: 4, dem.max_time: 14 s}
   two-ranks: {dem.seed: 5, dem.ranks: 2}
   two-more: {dem.seed: 6, dem.ranks: 2}
   wrong: {model: hybrid, fluid.known_field: none.npz, "outline.sections": {a: {z: [10, 0], model: dem}}}
@@ -274,7 +274,7 @@ def test_the_table_holds_every_point(story: Story) -> None:
     assert len(rows) == POINTS
     flows = [float(row["solids_flow_m3_per_s"]) for row in rows.values() if row["status"] == "done"]
     plate = 3.1416 * 0.06**2 * 0.01  # m³/s; of it the bed's packing is solid
-    assert all(0.5 * plate < flow < 0.7 * plate for flow in flows)
+    assert flows == pytest.approx([0.55 * plate] * len(flows), rel=0.3)
     assert (story.folder / "chart.png").stat().st_size > 1000
     assert (story.folder / "table.nc").stat().st_size > 1000
 
