@@ -60,14 +60,20 @@ def keep_rates(by_ranks: dict[int, float]) -> Rates:
     return rates
 
 
-def forecast(plan: Plan, rates: Rates | None) -> float:
-    """Wall time of a plan [s], at the rates of this machine where they are known."""
+def forecast(plan: Plan, rates: Rates | None, busy: int = 1) -> float:
+    """Wall time of a plan [s], at the rates of this machine where they are known.
+
+    Parameters
+    ----------
+    busy : cores that runs keep busy at that time, this plan's among them: they take from each other's speed
+    """
     if rates is None:
         return plan.seconds
     if plan.settings is not None:
-        return plan.seconds * assumed_rate(plan.settings.ranks) / rates.of(plan.settings.ranks)
+        ranks = plan.settings.ranks
+        return plan.seconds * assumed_rate(ranks) / min(rates.of(ranks), ranks * rates.of(busy) / busy)
     particles = sum(part.seconds for _, part in plan.parts)
-    return plan.seconds - particles + sum(forecast(part, rates) for _, part in plan.parts)
+    return plan.seconds - particles + sum(forecast(part, rates, busy) for _, part in plan.parts)
 
 
 def _stored(path: Path) -> dict[str, Any]:

@@ -91,7 +91,7 @@ def make_study(case: Case, hours: float, cores: int, axes: Axes | None = None, r
         return _plan(settled, variant) is not None
 
     rungs = ladder(settled, basis, fits, axes)
-    forecast = {rung.variant.name: forecast_of(_needed(settled, rung), rates) for rung in rungs}
+    forecast = {rung.variant.name: forecast_of(_needed(settled, rung), rates, cores) for rung in rungs}
     kept, dropped = affordable(
         rungs, lambda rung: forecast[rung.variant.name] * _busy(_needed(settled, rung), cores), hours * 3600 * cores
     )

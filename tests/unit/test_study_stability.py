@@ -95,6 +95,22 @@ def test_a_bed_that_follows_the_plate_is_stable_and_one_that_lags_or_heats_up_is
     assert "grows" in flow_truth(*flowing(0.03, jitter=9), 0.03, -0.1, 0.05).faults[0]
 
 
+def test_small_ones_that_trickle_through_the_pores_hardly_count() -> None:
+    times, beds = flowing(0.03)
+    dust = replace(beds[0], id=beds[0].id + 10_000, radius=np.full(len(beds[0].id), RADIUS / 10))
+    rng = np.random.default_rng(2)
+    mixed = [
+        Bed(
+            np.concatenate([bed.id, dust.id]),
+            np.concatenate([bed.position, dust.position - [0, 0, 0.15 * t]]),
+            np.concatenate([bed.velocity, 5 * rng.normal(size=bed.velocity.shape)]),
+            np.concatenate([bed.radius, dust.radius]),
+        )
+        for t, bed in zip(times, beds, strict=True)
+    ]
+    assert flow_truth(times, mixed, 0.03, -0.1, 0.05).following == pytest.approx(1, abs=0.01)
+
+
 STABLE, LOST = Truth(), Truth(lost=1)
 
 
