@@ -236,7 +236,7 @@ class Sweep:
 
 def read_sweep(path: Path) -> Sweep:
     """Read sweep.yaml; CaseError says what is wrong and where."""
-    data, places = read_yaml(path)
+    data, places = read_yaml(path, "docs/cluster.md shows how to write a sweep")
     given = _validated(_Sweep, data, places)
     named = [Variant(name, changes) for name, changes in given.points.items()]
     variants = tuple(Variant(v.name, given.set | v.changes) for v in (*crossed(given.axes), *named))
@@ -316,7 +316,7 @@ class Profile(Group):
 
 def read_profile(path: Path) -> Profile:
     """Read cluster.yaml; CaseError says what is wrong and where."""
-    return _validated(Profile, *read_yaml(path))
+    return _validated(Profile, *read_yaml(path, "docs/cluster.md shows how to write a profile"))
 
 
 _Model = TypeVar("_Model", bound=Group)

@@ -57,17 +57,23 @@ class Places:
         self.known = kept | given.known
 
 
-def read_yaml(path: Path) -> tuple[dict[str, Any], Places]:
-    """Plain data and places of a YAML file that must hold a mapping; CaseError says what is wrong with it."""
-    return parse_yaml(text_of(path), path.name)
+CASE_EXAMPLE = "`granpipe init` writes a commented starter case"
 
 
-def parse_yaml(text: str, file: str) -> tuple[dict[str, Any], Places]:
+def read_yaml(path: Path, example: str = CASE_EXAMPLE) -> tuple[dict[str, Any], Places]:
+    """Plain data and places of a YAML file that must hold a mapping; CaseError says what is wrong with it.
+
+    `example` tells the user of a missing file where one is to be had.
+    """
+    return parse_yaml(text_of(path, example), path.name, example)
+
+
+def parse_yaml(text: str, file: str, example: str = CASE_EXAMPLE) -> tuple[dict[str, Any], Places]:
     """Plain data and places of YAML text that must hold a mapping."""
     places = Places(file)
     node = _composed(text, places)
     if node is None:
-        raise CaseError("the file is empty; `granpipe init` writes a commented starter case", place=file)
+        raise CaseError(f"the file is empty; {example}", place=file)
     data = _Reader(places).read(node)
     if not isinstance(data, dict):
         raise CaseError("must be a mapping of keys to values, such as `name: my-case`", place=places.at(0))
@@ -81,13 +87,13 @@ def parse_value(text: str, source: str, key: KeyPath) -> tuple[Any, Places]:
     return (None if node is None else _Reader(places).read(node, key)), places
 
 
-def text_of(path: Path) -> str:
+def text_of(path: Path, example: str = CASE_EXAMPLE) -> str:
     """The text of a YAML file; CaseError where it is not one."""
     try:
         with path.open("rb") as stream:
             raw = stream.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        raise CaseError("no such file; `granpipe init` writes a commented starter case", place=str(path)) from None
+        raise CaseError(f"no such file; {example}", place=str(path)) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise CaseError(f"cannot be read ({reason})", place=str(path)) from error
