@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from granpipe.case import Case, resolve
-from granpipe.chain import Standing
+from granpipe.chain import Precision
 from granpipe.cores import usable_cores
 from granpipe.jsonfile import read_json
 from granpipe.machine import Rates, keep_rates
@@ -44,6 +44,6 @@ def _rate(ranks: int, progress: Progress) -> float:
     with tempfile.TemporaryDirectory(prefix="granpipe-") as folder:
         store = Store(Path(folder))
         tools = library_versions() | program_versions(store.root / "programs.json")
-        (production,) = simulate(plan, store, tools, progress, lambda _: Standing())
+        (production,) = simulate(plan, store, tools, progress, lambda _: Precision())
         spent = [read_json(production.settled / "settle.json"), production.reports()[-1]]
         return plan.particle_steps * ranks / sum(float(part["processor_seconds"]) for part in spent)

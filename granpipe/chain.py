@@ -42,7 +42,7 @@ def load_sums(segment: Path, run: int) -> Sums:
 
 
 @dataclass(frozen=True)
-class Standing:
+class Precision:
     """How good the average of a run in progress is.
 
     errors : section → statistical error of the final field, the whole included; empty while it is not known
@@ -61,7 +61,7 @@ class Standing:
         return f"error {100 * self.errors['whole']:.2g} % ({sections})"
 
 
-Judge = Callable[[Sequence[Sums]], Standing]
+Judge = Callable[[Sequence[Sums]], Precision]
 
 
 class Together:
@@ -74,7 +74,7 @@ class Together:
 
     def __init__(self, judge: Judge, parts: Sequence[Sums]) -> None:
         self._judge, self._parts, self._next = judge, list(parts), 0.0
-        self.standing = Standing()
+        self.precision = Precision()
 
     def add(self, sums: Sums) -> None:
         """Take in a new segment of one of the runs."""
@@ -89,12 +89,12 @@ class Together:
         """Judge what there is, if it is enough more than before."""
         if len(self._parts) >= self._next:
             self._next = self._MORE * len(self._parts)
-            self.standing = self._judge(self._parts)
+            self.precision = self._judge(self._parts)
 
     @property
     def enough(self) -> bool:
         """No run need go on."""
-        return self.standing.enough
+        return self.precision.enough
 
 
 class Chain:
@@ -239,13 +239,13 @@ class _Watch:
         if made <= 0:
             return
         wanted = self.settings.steps - status.step
-        if self.together.standing.missing is not None:
-            missing = self.together.standing.missing / self.chain.plan.case.dem.replicas
+        if self.together.precision.missing is not None:
+            missing = self.together.precision.missing / self.chain.plan.case.dem.replicas
             wanted = min(wanted, round(missing / self.settings.time_step))
         left = (time.monotonic() - self.started) * wanted / made
         self.progress.update(
             1 - wanted / max(1, status.step + wanted),
-            f"step {status.step}, {status.particles} particles, {self.together.standing}, {_duration(left)} left, "
+            f"step {status.step}, {status.particles} particles, {self.together.precision}, {_duration(left)} left, "
             f"{self.disk / 1e6:.0f} MB",
         )
 

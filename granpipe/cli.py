@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from granpipe.errors import CaseError
     from granpipe.machine import Rates
     from granpipe.plan import Model, Plan
-    from granpipe.study_choice import Chosen
-    from granpipe.sweep import Folder
+    from granpipe.study.choice import Chosen
+    from granpipe.sweep.folder import Folder
 
 INTERRUPTED = 130
 QUALITY_FAILED = 4
@@ -229,8 +229,8 @@ def stability(results: Path, quick: bool, done: bool, out: Path | None) -> None:
     Rows that are done are not repeated: delete RESULTS/stability to begin anew. All take half an hour of one core.
     """
     from granpipe.cores import usable_cores
-    from granpipe.stability import is_done, run_suite, write_page
-    from granpipe.study.stability import rows, subset
+    from granpipe.stability.rows import rows, subset
+    from granpipe.stability.suite import is_done, run_suite, write_page
 
     folder = results / "stability"
     with _Console() as console:
@@ -336,15 +336,15 @@ def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path,
 
     What is done is not repeated, and what is in the queue is not submitted again.
     """
-    from granpipe.sweep_points import prepare
-    from granpipe.sweepfile import read_profile, read_sweep
+    from granpipe.sweep.file import read_profile, read_sweep
+    from granpipe.sweep.points import prepare
 
     if dry_run:
         folder, points = prepare(read_sweep(sweep), results)
         click.echo("\n".join([str(folder.root), *(point.name for point in points)]))
         return
     if on == "slurm":
-        from granpipe.sweep_slurm import submit
+        from granpipe.sweep.jobs import submit
 
         profile = read_profile(cluster)
         folder, points = prepare(read_sweep(sweep), results)
@@ -353,7 +353,7 @@ def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path,
         click.echo(f"follow it with: granpipe status {folder.root}")
         return
     from granpipe.cores import usable_cores
-    from granpipe.sweep_local import run_here
+    from granpipe.sweep.local import run_here
 
     folder, points = prepare(read_sweep(sweep), results)
     with _Console() as console:
@@ -386,8 +386,8 @@ def study(
     from granpipe.machine import known_rates
     from granpipe.pipeline import plan_case
     from granpipe.study.ladder import read_axes
-    from granpipe.study_run import prepare_study, report_study
-    from granpipe.study_sweep import make_study
+    from granpipe.study.points import make_study
+    from granpipe.study.run import prepare_study, report_study
 
     cores = cores or usable_cores()
     other = None if against is None else plan_case(_read(against, ()))
@@ -398,14 +398,14 @@ def study(
     prepared = prepare_study(made, results)
     with _Console() as console:
         if prepared.points and on == "slurm":
-            from granpipe.sweep_slurm import submit
-            from granpipe.sweepfile import read_profile
+            from granpipe.sweep.file import read_profile
+            from granpipe.sweep.jobs import submit
 
             submit(prepared.folder, prepared.points, read_profile(cluster), console)
             click.echo(f"follow it with: granpipe status {prepared.folder.root}; then run this command again")
             return
         if prepared.points:
-            from granpipe.sweep_local import run_here
+            from granpipe.sweep.local import run_here
 
             run_here(prepared.folder, prepared.points, cores, console)
         files, missing = report_study(prepared.folder, other, console)
@@ -423,8 +423,8 @@ def study(
 @click.option("--ranks", type=click.IntRange(1), default=1)
 def points(folder: Path, names: tuple[str, ...], ranks: int) -> None:
     """Run points of a sweep one after the other: what its workers and jobs do."""
-    from granpipe.sweep import Folder
-    from granpipe.sweep_points import run_points
+    from granpipe.sweep.folder import Folder
+    from granpipe.sweep.points import run_points
 
     with _Console() as console:
         run_points(Folder(folder), names, ranks, console)
@@ -435,8 +435,8 @@ def points(folder: Path, names: tuple[str, ...], ranks: int) -> None:
 @_RESULTS
 def status(sweep: Path, results: Path) -> None:
     """Show how every point of SWEEP stands (a sweep.yaml, or the folder of its results)."""
-    from granpipe.sweep import find_folder
-    from granpipe.sweep_status import standings, summary
+    from granpipe.sweep.folder import find_folder
+    from granpipe.sweep.status import standings, summary
 
     found = standings(find_folder(sweep, results))
     width = max(len(one.name) for one in found)
@@ -450,8 +450,8 @@ def status(sweep: Path, results: Path) -> None:
 @_RESULTS
 def cancel(sweep: Path, results: Path) -> None:
     """Cancel the jobs of SWEEP, or end the process that runs it here; what is finished is kept."""
-    from granpipe.sweep import find_folder
-    from granpipe.sweep_slurm import cancel as cancel_sweep
+    from granpipe.sweep.folder import find_folder
+    from granpipe.sweep.jobs import cancel as cancel_sweep
 
     click.echo(cancel_sweep(find_folder(sweep, results)))
 
@@ -461,15 +461,15 @@ def cancel(sweep: Path, results: Path) -> None:
 @_RESULTS
 def reduce(sweep: Path, results: Path) -> None:
     """Write table and chart of SWEEP from the points that are done."""
-    from granpipe.sweep import find_folder
+    from granpipe.sweep.folder import find_folder
 
     _reduce(find_folder(sweep, results))
 
 
 def _reduce(folder: Folder) -> None:
     """Table, chart, and an exit status that tells whether all points are done, and well."""
-    from granpipe.sweep_status import summary
-    from granpipe.sweep_table import reduce as reduce_sweep
+    from granpipe.sweep.reduce import reduce as reduce_sweep
+    from granpipe.sweep.status import summary
 
     found, files = reduce_sweep(folder)
     for one in found:
@@ -485,7 +485,7 @@ def _reduce(folder: Folder) -> None:
 
 
 def _chosen(file: CaseFile, results: Path, total_error: str) -> Chosen:
-    from granpipe.study_choice import choose
+    from granpipe.study.choice import choose
     from granpipe.units import NUMBER, in_si
 
     return choose(file, results, _quantity(in_si, total_error, NUMBER, "--total-error"))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granpipe.case import Case
-from granpipe.chain import Standing
+from granpipe.chain import Precision
 from granpipe.errors import DataError
 from granpipe.extra_fields import Summed
 from granpipe.field import Array, Field, Grid, cell_squares, level_flow, section_rows
@@ -106,23 +106,23 @@ class Judge:
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
 
-    def __call__(self, parts: Sequence[Sums]) -> Standing:
-        """The standing of the segments so far."""
+    def __call__(self, parts: Sequence[Sums]) -> Precision:
+        """The precision of the segments so far."""
         plan = self._plan
         if len(parts) < LEAST_BLOCKS or plan.case.homogenize.method == "paper":
-            return Standing()
+            return Precision()
         try:
             steady = after_transient(parts, plan.case)
             conserved = conserved_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter)
         except DataError:
-            return Standing()  # no flow at some level yet, or the filling still changes too fast
+            return Precision()  # no flow at some level yet, or the filling still changes too fast
         target, errors = plan.case.dem.statistical_error, conserved.figures.get("statistical_error", {})
         if target is None or not errors:
-            return Standing(errors)
+            return Precision(errors)
         whole = merge(steady)
         enough = all(gate.passed for gate in _average_gates(plan, conserved, whole))
         effective = conserved.figures["effective_blocks"]
-        return Standing(errors, enough, missing_time(errors, effective, target, whole.duration))
+        return Precision(errors, enough, missing_time(errors, effective, target, whole.duration))
 
 
 def run_statistics(parts: Sequence[Sums], levels: Levels) -> dict[str, Any]:

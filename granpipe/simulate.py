@@ -25,9 +25,9 @@ from granpipe.geometry.walls import build_walls
 from granpipe.homogenize.average import Sums
 from granpipe.jsonfile import read_json, write_json
 from granpipe.plan import Plan
+from granpipe.pool import Task, run_together
 from granpipe.progress import Progress
 from granpipe.store import Store, digest, evidence_kept, key_of
-from granpipe.study.pool import Task, run_together
 
 REPOSE = np.radians(30)
 """Angle of repose that limits where filling can reach; only the first bed depends on it."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from granpipe.case import Case
 from granpipe.errors import CaseError
-from granpipe.study.variants import Variant, name_of
+from granpipe.sweep.variants import Variant, name_of
 
 SIZES = (1.5, 1.25, 0.75, 0.5)
 """Coarse-grain factors over that of the case."""

@@ -8,8 +8,8 @@ import pytest
 
 from granpipe.cores import usable_cores
 from granpipe.progress import Silent
-from granpipe.stability import run_suite, write_page
-from granpipe.study.stability import rows, subset
+from granpipe.stability.rows import rows, subset
+from granpipe.stability.suite import run_suite, write_page
 
 pytestmark = pytest.mark.liggghts
 

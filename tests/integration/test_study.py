@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from granpipe.case import load_case
-from granpipe.study_report import read_options
-from granpipe.study_run import prepare_study
-from granpipe.study_sweep import make_study
+from granpipe.study.points import make_study
+from granpipe.study.report import read_options
+from granpipe.study.run import prepare_study
 
 SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
 ARGUMENTS = [

@@ -15,7 +15,9 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "granpipe"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
-ROOMS = {"geometry", "dem", "homogenize", "fluid", "export", "study"}
+ROOMS = {"geometry", "dem", "homogenize", "fluid", "export"}
+UPSTAIRS = {"sweep": set(), "study": {"sweep"}, "stability": set()}
+"""Rooms that run many cases, and which of the others each may import; what runs one case knows nothing of them."""
 COMMON = {"field", "rzmesh", "case", "errors", "progress", "cores"}
 """The modules of granpipe that a room may import besides its own: what rooms hand to each other, and the case."""
 
@@ -99,6 +101,13 @@ def text_files() -> Iterator[Path]:
 @pytest.mark.parametrize("source", [one for one in SOURCES if module(one).split(".")[0] in ROOMS], ids=name)
 def test_rooms_import_only_themselves_and_what_is_common(source: Path) -> None:
     assert not foreign(source)
+
+
+@pytest.mark.parametrize("source", [one for one in SOURCES if one != PACKAGE / "cli.py"], ids=name)
+def test_what_runs_one_case_knows_nothing_of_many(source: Path) -> None:
+    room = module(source).split(".")[0]
+    imported = {one.split(".")[0] for one in own_modules(ast.walk(ast.parse(source.read_text())), source)}
+    assert imported & UPSTAIRS.keys() <= {room, *UPSTAIRS.get(room, ())}
 
 
 def test_imports_point_one_way() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from granpipe.chain import Standing, Together
+from granpipe.chain import Precision, Together
 from granpipe.field import Grid
 from granpipe.homogenize.average import Sums
 from granpipe.quality import error_gates, missing_time
@@ -50,7 +50,7 @@ def test_a_run_is_judged_now_and_then_until_it_is_good_enough():
 
     def judge(parts):
         asked.append(len(parts))
-        return Standing({"whole": 0.1}, enough=len(parts) >= 60)
+        return Precision({"whole": 0.1}, enough=len(parts) >= 60)
 
     together = Together(judge, [])
     for number in range(100):
@@ -62,11 +62,11 @@ def test_a_run_is_judged_now_and_then_until_it_is_good_enough():
 
 
 def test_segments_that_were_dropped_do_not_count():
-    together = Together(lambda parts: Standing(), [sums(0.0), sums(1.0), sums(0.0, run=1)])
+    together = Together(lambda parts: Precision(), [sums(0.0), sums(1.0), sums(0.0, run=1)])
     together.renew(0, iter([sums(0.0)]))
     assert [(part.run, part.start) for part in together._parts] == [(1, 0.0), (0, 0.0)]
 
 
 def test_a_standing_names_every_section():
-    assert str(Standing(SECTIONS)) == "error 4 % (a 3, b 6)"
-    assert str(Standing()) == "error not known yet"
+    assert str(Precision(SECTIONS)) == "error 4 % (a 3, b 6)"
+    assert str(Precision()) == "error not known yet"

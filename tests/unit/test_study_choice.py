@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from granpipe import study_choice
 from granpipe.case import CaseFile, load_case, read_case
 from granpipe.errors import CaseError
 from granpipe.plan import make_plan
+from granpipe.study import choice as study_choice
 from granpipe.study.budget import Option, Part
-from granpipe.study_choice import carried_over, choose, shipped
-from granpipe.study_report import read_options
-from granpipe.study_sweep import make_study
+from granpipe.study.choice import carried_over, choose, shipped
+from granpipe.study.points import make_study
+from granpipe.study.report import read_options
 
 SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
 

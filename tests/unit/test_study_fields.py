@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granpipe.field import Field, Grid, divergence, flux_from_psi
-from granpipe.study_fields import Ran, refined
+from granpipe.study.fields import Ran, refined
 
 
 @dataclass

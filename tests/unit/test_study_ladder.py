@@ -11,8 +11,8 @@ from granpipe.case import load_case
 from granpipe.errors import CaseError
 from granpipe.plan import make_plan
 from granpipe.study.ladder import BASE, BEST, CHEAP, Basis, Rung, affordable, ladder, read_axes
-from granpipe.study.variants import Variant
-from granpipe.study_sweep import COARSEST, make_study
+from granpipe.study.points import COARSEST, make_study
+from granpipe.sweep.variants import Variant
 
 CASES = Path(__file__).parents[2] / "cases"
 SMALL = {"material.size": "{diameter: 1.6 cm}", "dem.coarse_grain_factor": "1.25"}

@@ -13,10 +13,10 @@ from granpipe.errors import DataError
 from granpipe.field import Field, flux_from_psi
 from granpipe.plan import make_plan
 from granpipe.study.budget import advise
+from granpipe.study.findings import Point, Study
+from granpipe.study.fluid import Solve, fluid_findings
 from granpipe.study.ladder import BASE
-from granpipe.study_fluid import Solve, fluid_findings
-from granpipe.study_report import study_sections
-from granpipe.study_results import Point, Study
+from granpipe.study.report import study_sections
 
 CASES = Path(__file__).parents[2] / "cases"
 CASE = load_case(

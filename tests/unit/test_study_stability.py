@@ -9,8 +9,8 @@ import pytest
 
 from granpipe.errors import CaseError
 from granpipe.plan import make_plan
-from granpipe.stability import changes_of, scene
-from granpipe.study.stability import Judged, Row, Truth, flow_truth, rest_truth, rows, subset
+from granpipe.stability.rows import Judged, Row, Truth, flow_truth, rest_truth, rows, subset
+from granpipe.stability.suite import changes_of, scene
 
 RADIUS = 0.01
 SPAN = (-0.05, 0.05)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granpipe.study.variants import crossed, name_of, spaced
+from granpipe.sweep.variants import crossed, name_of, spaced
 from granpipe.values import Name
 
 SAFE = re.compile(Name.pattern)

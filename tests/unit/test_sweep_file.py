@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granpipe.errors import CaseError
-from granpipe.sweepfile import read_profile, read_sweep, value_text
+from granpipe.sweep.file import read_profile, read_sweep, value_text
 from granpipe.yamlfile import parse_value
 
 SWEEP = """\

@@ -8,13 +8,13 @@ import pytest
 
 from granpipe.errors import RunError
 from granpipe.progress import Silent
-from granpipe.study import slurm
-from granpipe.study.slurm import Element
-from granpipe.sweep import Folder
-from granpipe.sweep_points import Point
-from granpipe.sweep_queue import queued
-from granpipe.sweep_slurm import cancel, submit
-from granpipe.sweepfile import Profile
+from granpipe.sweep import slurm
+from granpipe.sweep.file import Profile
+from granpipe.sweep.folder import Folder
+from granpipe.sweep.jobs import cancel, submit
+from granpipe.sweep.points import Point
+from granpipe.sweep.queue import queued
+from granpipe.sweep.slurm import Element
 
 
 class Cluster:

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from granpipe import sweep_status
-from granpipe.study import slurm
-from granpipe.study.slurm import Element
-from granpipe.study.state import Recorder, State
-from granpipe.study.variants import crossed
-from granpipe.sweep import Folder
-from granpipe.sweep_status import standings, summary
+from granpipe.sweep import slurm
+from granpipe.sweep import status as sweep_status
+from granpipe.sweep.folder import Folder
+from granpipe.sweep.slurm import Element
+from granpipe.sweep.state import Recorder, State
+from granpipe.sweep.status import standings, summary
+from granpipe.sweep.variants import crossed
 
 HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from granpipe.errors import DataError
 from granpipe.jsonfile import read_json
-from granpipe.study.table import Row, draw, write_csv, write_netcdf
-from granpipe.sweep import Folder
-from granpipe.sweep_status import Standing, standings
+from granpipe.sweep.folder import Folder
+from granpipe.sweep.status import Standing, standings
+from granpipe.sweep.table import Row, draw, write_csv, write_netcdf
 
 
 def reduce(folder: Folder) -> tuple[list[Standing], list[Path]]:

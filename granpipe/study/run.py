@@ -9,14 +9,14 @@ from granpipe.case import load_case
 from granpipe.errors import RunError
 from granpipe.plan import Plan
 from granpipe.progress import Progress
-from granpipe.study_fluid import fluid_findings, fluid_ladder
-from granpipe.study_report import write_study
-from granpipe.study_results import Study as Comparison
-from granpipe.study_results import load_points
-from granpipe.study_sweep import Study
-from granpipe.sweep import Folder
-from granpipe.sweep_points import Point, prepare
-from granpipe.sweep_status import Standing, standings
+from granpipe.study.findings import Study as Comparison
+from granpipe.study.findings import load_points
+from granpipe.study.fluid import fluid_findings, fluid_ladder
+from granpipe.study.points import Study
+from granpipe.study.report import write_study
+from granpipe.sweep.folder import Folder
+from granpipe.sweep.points import Point, prepare
+from granpipe.sweep.status import Standing, standings
 
 
 @dataclass(frozen=True)

@@ -27,11 +27,11 @@ from granpipe.progress import Progress, Silent
 from granpipe.simulate import simulate
 from granpipe.store import Store
 from granpipe.study.budget import Option, Part
+from granpipe.study.fields import PSI, Method, Ran, field_of, methods_of
 from granpipe.study.limit import Slope, fit_slope
-from granpipe.study_fields import PSI, Method, Ran, field_of, methods_of
-from granpipe.study_measures import Scene
-from granpipe.sweep import Folder
-from granpipe.sweep_points import point_case
+from granpipe.study.scene import Scene
+from granpipe.sweep.folder import Folder
+from granpipe.sweep.points import point_case
 from granpipe.tools import library_versions, program_versions
 
 Parts = dict[str, Part]

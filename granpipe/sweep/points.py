@@ -16,10 +16,10 @@ from granpipe.errors import CaseError, GranpipeError
 from granpipe.pipeline import plan_case, run_case
 from granpipe.progress import Both, Progress
 from granpipe.store import Store
-from granpipe.study.state import INTERRUPTED, Recorder
-from granpipe.study.variants import Variant
-from granpipe.sweep import Folder, replace_text
-from granpipe.sweepfile import Sweep
+from granpipe.sweep.file import Sweep
+from granpipe.sweep.folder import Folder, replace_text
+from granpipe.sweep.state import INTERRUPTED, Recorder
+from granpipe.sweep.variants import Variant
 from granpipe.yamlfile import Places, parse_yaml, text_of
 
 

@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from granpipe.errors import CaseError
 from granpipe.explain import case_error
-from granpipe.study.variants import MAX_NAME, Variant, crossed, spaced
+from granpipe.sweep.variants import MAX_NAME, Variant, crossed, spaced
 from granpipe.units import TIME
 from granpipe.values import Choices, File, Group, Kind, Name, Quantity, Whole, refuse
 from granpipe.yamlfile import Places, parse_value, read_yaml

@@ -17,11 +17,11 @@ from granpipe.errors import CaseError
 from granpipe.jsonfile import read_json
 from granpipe.plan import Plan, make_plan
 from granpipe.study.budget import PLAIN, Option, advise, percent
-from granpipe.study_report import read_options
-from granpipe.study_sweep import study_name
+from granpipe.study.points import study_name
+from granpipe.study.report import read_options
 from granpipe.yamlfile import Places
 
-SHIPPED = Path(__file__).parent / "templates" / "studies"
+SHIPPED = Path(__file__).parents[1] / "templates" / "studies"
 """Studies that granpipe brings along, as their ``study.json``; made by ``benchmarks/study.py``."""
 
 _SETTLED = (

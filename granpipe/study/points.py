@@ -19,8 +19,8 @@ from granpipe.machine import Rates
 from granpipe.machine import forecast as forecast_of
 from granpipe.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, variants
 from granpipe.study.ladder import Axes, Basis, Rung, affordable, ladder
-from granpipe.study.variants import MAX_NAME, Variant
-from granpipe.sweepfile import Sweep
+from granpipe.sweep.file import Sweep
+from granpipe.sweep.variants import MAX_NAME, Variant
 from granpipe.yamlfile import Places
 
 COARSEST = 4

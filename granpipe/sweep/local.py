@@ -18,12 +18,12 @@ from pathlib import Path
 
 from granpipe.cores import VARIABLE
 from granpipe.errors import CaseError
+from granpipe.pool import Task, run_together
 from granpipe.progress import Progress
-from granpipe.study.pool import Task, run_together
-from granpipe.study.state import State
-from granpipe.sweep import Folder
-from granpipe.sweep_points import Point
-from granpipe.sweep_queue import queued
+from granpipe.sweep.folder import Folder
+from granpipe.sweep.points import Point
+from granpipe.sweep.queue import queued
+from granpipe.sweep.state import State
 
 CHUNK = 25
 """Points without particles that one worker takes."""

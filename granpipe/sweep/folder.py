@@ -24,8 +24,8 @@ from granpipe import __version__
 from granpipe.errors import DataError
 from granpipe.jsonfile import read_json
 from granpipe.store import Store, key_of
-from granpipe.study.state import State
-from granpipe.study.variants import Variant
+from granpipe.sweep.state import State
+from granpipe.sweep.variants import Variant
 from granpipe.tools import library_versions
 
 _VERSION = 1
@@ -106,7 +106,7 @@ class Folder:
 
 def find_folder(path: Path, results: Path) -> Folder:
     """The folder of a sweep that has been started, by itself or by its sweep.yaml."""
-    from granpipe.sweepfile import read_sweep
+    from granpipe.sweep.file import read_sweep
 
     folder = Folder(path if path.is_dir() else results / read_sweep(path).name)
     if not (folder.root / "points.json").is_file():

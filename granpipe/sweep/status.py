@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from granpipe.errors import RunError
-from granpipe.study import slurm
-from granpipe.study.slurm import Element
-from granpipe.study.state import INTERRUPTED, State
-from granpipe.sweep import Folder
-from granpipe.sweep_queue import queued
+from granpipe.sweep import slurm
+from granpipe.sweep.folder import Folder
+from granpipe.sweep.queue import queued
+from granpipe.sweep.slurm import Element
+from granpipe.sweep.state import INTERRUPTED, State
 
 Word = Literal["done", "running", "waiting", "failed", "missing"]
 

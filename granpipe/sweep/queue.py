@@ -6,9 +6,9 @@ import json
 from typing import Any
 
 from granpipe.jsonfile import read_json
-from granpipe.study import slurm
-from granpipe.study.slurm import Element
-from granpipe.sweep import Folder, replace_text
+from granpipe.sweep import slurm
+from granpipe.sweep.folder import Folder, replace_text
+from granpipe.sweep.slurm import Element
 
 
 def queued(folder: Folder) -> dict[str, Element]:

@@ -16,8 +16,8 @@ from granpipe.fluid_field import wall_law
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.section import mesh_section
 from granpipe.study.budget import Option, Part
+from granpipe.study.findings import Findings
 from granpipe.study.ladder import BASE
-from granpipe.study_results import Findings
 
 ACROSS = (5, 10, 20)
 """Elements from the axis to the wall."""

@@ -17,12 +17,12 @@ from typing import Any
 from granpipe.errors import RunError
 from granpipe.jsonfile import read_json
 from granpipe.progress import Progress
-from granpipe.study import slurm
-from granpipe.sweep import Folder
-from granpipe.sweep_local import CHUNK
-from granpipe.sweep_points import Point
-from granpipe.sweep_queue import jobs_of, queued, queued_jobs, write_jobs
-from granpipe.sweepfile import Profile
+from granpipe.sweep import slurm
+from granpipe.sweep.file import Profile
+from granpipe.sweep.folder import Folder
+from granpipe.sweep.local import CHUNK
+from granpipe.sweep.points import Point
+from granpipe.sweep.queue import jobs_of, queued, queued_jobs, write_jobs
 
 _LEAST = 5
 """Points without particles that a job takes at least: starting takes about as long as these."""

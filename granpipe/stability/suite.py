@@ -27,12 +27,12 @@ from granpipe.dem.settings import PACKING, Settings
 from granpipe.errors import CaseError, RunError
 from granpipe.field import Field, Grid
 from granpipe.plan import Plan, make_plan
+from granpipe.pool import Task, run_together
 from granpipe.progress import Progress, Silent
 from granpipe.simulate import compose_deck, make_walls
+from granpipe.stability.page import Similar, draw_map, page
+from granpipe.stability.rows import Judged, Row, Truth, Verdict, flow_truth, rest_truth
 from granpipe.store import Store, publishing
-from granpipe.study.pool import Task, run_together
-from granpipe.study.stability import Judged, Row, Truth, Verdict, flow_truth, rest_truth
-from granpipe.study.stability_report import Similar, draw_map, page
 from granpipe.tools import library_versions, program_versions
 
 PATIENCE = 900.0
@@ -103,7 +103,7 @@ def scene(row: Row) -> Case:
 
 
 def _scene_file(row: Row) -> Path:
-    return Path(__file__).parent / "templates" / "stability" / f"{row.scene.replace(' ', '_')}.yaml"
+    return Path(__file__).parents[1] / "templates" / "stability" / f"{row.scene.replace(' ', '_')}.yaml"
 
 
 def changes_of(row: Row, case: Case) -> dict[str, str]:

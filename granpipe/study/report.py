@@ -16,10 +16,10 @@ from granpipe.plan import Plan
 from granpipe.report import Section, duration, markdown, write_page
 from granpipe.study.budget import TOLERANCES, Option, Part, advise, pareto, percent
 from granpipe.study.chart import draw_curves, draw_options
-from granpipe.study.table import Row, write_csv
-from granpipe.study_fluid import Solve
-from granpipe.study_results import Findings, Ladder, Lever
-from granpipe.sweep import Folder
+from granpipe.study.findings import Findings, Ladder, Lever
+from granpipe.study.fluid import Solve
+from granpipe.sweep.folder import Folder
+from granpipe.sweep.table import Row, write_csv
 
 _GOOD_FORECAST = 1.5
 """A forecast within this factor of the measured time is good."""
