@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from granpipe.study.budget import TOLERANCES, Option, pareto
+from granpipe.study.budget import TOLERANCES, Option, Part, pareto
 
 
 def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
@@ -51,6 +51,40 @@ def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=6, ncols=2)
     figure.savefig(path, dpi=130)
+
+
+def draw_levers(levers: Sequence[tuple[str, float, Part]], path: Path) -> None:
+    """What each change of the case costs or saves, and what it changes.
+
+    Parameters
+    ----------
+    levers : name, time over that of the case, difference of the field from the case's
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    axes: Any = figure.subplots()
+    for number, (name, times, part) in enumerate(levers):
+        height = part.value if part.resolved else part.upper
+        axes.errorbar(
+            [times],
+            [height],
+            yerr=[[0.0], [part.upper - height]],
+            marker="os^vD<>ph*"[number % 10] if part.resolved else "_",
+            color=f"C{number % 10}",
+            markersize=6,
+            capsize=2,
+            linestyle="none",
+        )
+        axes.annotate(name, (times, height), xytext=(5, 3), textcoords="offset points", fontsize=7)
+    axes.axvline(1.0, color="grey", linewidth=0.6)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.margins(x=0.2, y=0.1)
+    axes.set_xlabel("time × cores, over that of the case")
+    axes.set_ylabel("difference from the case (a dash: below it)")
+    axes.grid(alpha=0.3, which="both")
+    figure.savefig(path, dpi=120)
 
 
 def _lines(options: Sequence[Option]) -> dict[tuple[str, str], list[Option]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import datetime
@@ -14,8 +15,8 @@ from granpipe.jsonfile import read_json, write_json
 from granpipe.machine import machine
 from granpipe.plan import Plan
 from granpipe.report import Section, duration, markdown, write_page
-from granpipe.study.budget import TOLERANCES, Option, Part, advise, pareto, percent
-from granpipe.study.chart import draw_curves, draw_options
+from granpipe.study.budget import TOLERANCES, Advice, Option, Part, advise, pareto, percent, sure_factor
+from granpipe.study.chart import draw_curves, draw_levers, draw_options
 from granpipe.study.findings import Findings, Ladder, Lever
 from granpipe.study.fluid import Solve
 from granpipe.sweep.folder import Folder
@@ -36,13 +37,19 @@ def write_study(folder: Folder, case: Case, found: Findings, solves: Sequence[So
     write_csv([_lever_row(lever) for lever in found.levers], root / "points.csv")
     draw_options(found.options, found.reference, root / "error_time.png")
     if found.levers:
+        draw_levers(_levers(found), root / "levers.png")
         draw_curves(_method_curves(found), "wall time × cores [s]", "statistical error", root / "methods.png")
     draw_curves(
         _solve_curves(solves), "wall time of mesh and solve [s]", "error against the finest", root / "fluid.png"
     )
     sections = list(study_sections(found, solves, other))
     (root / "report.md").write_text("\n\n".join([*study_intro(found), markdown(sections)]), encoding="utf-8")
-    charts = {"Error against time": "error_time.png", "Methods": "methods.png", "Finite elements": "fluid.png"}
+    charts = {
+        "Error against time": "error_time.png",
+        "Levers": "levers.png",
+        "Methods": "methods.png",
+        "Finite elements": "fluid.png",
+    }
     shown = [
         Section(s.title, s.text, [root / charts[s.title]] if s.title in charts else (), s.head, s.rows)
         for s in sections
@@ -77,11 +84,8 @@ def study_intro(found: Findings) -> list[str]:
 
 def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None) -> Iterator[Section]:
     """The report, part by part."""
-    yield Section(
-        "Recommended settings",
-        ["The cheapest option whose error is proven (its 95 % bound is below the tolerance), or else estimated."],
-        head=("total error", "point", "method", "travel", "time × cores", "error", "95 % bound", ""),
-        rows=[_advice_row(found.options, tolerance) for tolerance in TOLERANCES],
+    yield _recommended(
+        found, None if other is None or not found.rate else (other.case.name, other.particle_steps / found.rate)
     )
     yield Section(
         "Error against time",
@@ -116,9 +120,12 @@ def _particle_sections(found: Findings) -> Iterator[Section]:
     )
     yield Section(
         "Levers",
-        ["What a change of the case does to the time and to the field."],
-        head=("point", "axis", "time × cores", "against the case", "difference from the case"),
-        rows=[_lever_text(lever, found.levers[0]) for lever in found.levers],
+        [
+            "What a change of the case does to the time and to the field. For a shorter average of the case's own run "
+            "that is the noise it adds; what a method changes stands under Methods."
+        ],
+        head=("change", "against the case's time", "difference from the case"),
+        rows=[(name, f"× {times:.2f}", str(part)) for name, times, part in _levers(found)],
     )
     yield Section("Sections", head=_section_head(found), rows=[_section_row(lever) for lever in found.levers])
     names = list(dict.fromkeys(name for lever in found.levers for name in lever.measures))
@@ -143,8 +150,26 @@ def _particle_sections(found: Findings) -> Iterator[Section]:
     )
 
 
-def _advice_row(options: Sequence[Option], tolerance: float) -> tuple[str, ...]:
-    advice = advise(options, tolerance)
+def _recommended(found: Findings, other: tuple[str, float] | None) -> Section:
+    """What to take for each tolerance; `other` is the name of another case and the time that it takes on one core."""
+    head = ["total error", "point", "method", "travel", "time × cores", "error", "95 % bound", ""]
+    rows = []
+    for tolerance in TOLERANCES:
+        advice = advise(found.options, tolerance)
+        row = _advice_row(advice)
+        if other is not None:
+            row += ("" if advice.option is None else f"× {other[1] / advice.option.core_seconds:.3g}",)
+        rows.append(row)
+    return Section(
+        "Recommended settings",
+        ["The cheapest option whose error is proven (its 95 % bound is below the tolerance), or else estimated."],
+        head=tuple(head if other is None else [*head, f"{other[0]} takes"]),
+        rows=rows,
+    )
+
+
+def _advice_row(advice: Advice) -> tuple[str, ...]:
+    tolerance = advice.tolerance
     if advice.option is None:
         return (f"{tolerance:.0%}", "none of the options", "", "", "", "", "", "")
     option, error = advice.option, advice.option.error()
@@ -187,9 +212,16 @@ def _budget_row(lever: Lever, axes: Sequence[str]) -> tuple[str, ...]:
     return (lever.point, percent(lever.statistical["whole"]), *parts, predicted, str(lever.systematic["whole"]))
 
 
-def _lever_text(lever: Lever, base: Lever) -> tuple[str, ...]:
-    cost, of_base = lever.seconds * lever.cores, base.seconds * base.cores
-    return (lever.point, lever.axis, duration(cost), f"× {cost / of_base:.2f}", str(lever.from_base["whole"]))
+def _levers(found: Findings) -> list[tuple[str, float, Part]]:
+    """Name, time over that of the case, and difference from the case: every point, and shorter averages of the case."""
+    base, *others = found.levers
+    cost = base.seconds * base.cores
+    levers = [(lever.point, lever.seconds * lever.cores / cost, lever.from_base["whole"]) for lever in others]
+    for option in sorted(_by_method(found).get("psi", []), key=lambda option: -option.travel)[1:]:
+        noise = math.sqrt(max(0.0, option.statistical["whole"] ** 2 - base.statistical["whole"] ** 2))
+        name = f"average over {option.travel:.2g} outlet diameters"
+        levers.append((name, option.core_seconds / cost, Part(noise, noise * sure_factor(option.blocks))))
+    return levers
 
 
 def _section_head(found: Findings) -> tuple[str, ...]:
