@@ -11,7 +11,7 @@ CLUSTER ?= cluster.yaml
 VENV := .venv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ready run sweep status cancel study test test-cluster verify fuzz stability benchmarks docs lock clean
+.PHONY: help setup ready run sweep status cancel study study-reactor test test-cluster verify fuzz stability benchmarks docs lock clean
 
 help:
 	@echo 'make setup       Debian packages that are missing, and the virtual environment .venv'
@@ -19,6 +19,7 @@ help:
 	@echo 'make sweep       setup, then granpipe sweep $$(SWEEP) --on $$(ON) [$(SWEEP), $(ON)]'
 	@echo 'make status      how the points of $$(SWEEP) stand; make cancel ends them'
 	@echo 'make study       setup, then a small study of the smoke scene: error against time; a few minutes'
+	@echo 'make study-reactor  setup, then the study of the test reactor, some hours; writes docs/study_reactor.md'
 	@echo 'make test        setup, then ruff, mypy and every test that is not slow'
 	@echo 'make test-cluster  setup, a Slurm of two nodes on this machine (as root), and a sweep on it'
 	@echo 'make verify      setup, then the slow tests, fuzz and test-cluster'
@@ -53,6 +54,12 @@ study: ready
 	$(GRANPIPE) study cases/smoke.yaml --hours 0.06 --axis coarse_grain_factor --axis plate_speed \
 	    --axis replicas --axis seed --set 'material.size={diameter: 1.8 cm}' --set dem.coarse_grain_factor=1.111 \
 	    --set 'dem.max_time=4 s' --set 'homogenize.start=1 s'
+
+study-reactor: setup
+	$(VENV)/bin/granpipe study cases/reactor.yaml --hours 6 --set 'dem.max_time=30 s' --against cases/reactor_paper.yaml \
+	    --axis model=hybrid --axis coarse_grain_factor=1.5,2.5,3 --axis plate_speed=0.05,0.1,0.2 --axis cheap \
+	    --axis youngs_modulus=5e6,3e7 --axis reservoir_height=0.53 --axis seed --axis replicas
+	$(VENV)/bin/python benchmarks/study.py results/reactor-study
 
 test: setup
 	$(VENV)/bin/ruff check

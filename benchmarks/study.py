@@ -1,35 +1,41 @@
-"""Writes docs/study.md and its charts from the folder of a study: how to read one, and what that one found.
+"""Writes the pages of docs/ about a study from its folder, and keeps what `--total-error` needs of it.
 
-`make study` makes the study of the smoke scene; `benchmarks/study.py results/smoke-study` the page.
+`make study` makes the study of the smoke scene and `make study-reactor` that of the test reactor; each then calls this.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-HEAD = """\
+ROOT = Path(__file__).resolve().parents[1]
+KEPT = ("case", "made", "granpipe", "machine", "options")
+"""Of study.json, for those who run the same scene or another without a study."""
+
+HOW_TO_READ = """\
 # Error against run time
 
 `granpipe study CASE` runs cheaper and dearer variants of a case, one setting at a time, and tells what each costs in
 accuracy and in time. `--hours` limits the wall time by the plans' forecasts (the dearest points are dropped and
-named), `--axis` chooses settings, `--on slurm` runs the points on a cluster, `--against CASE` forecasts the time of
-another case at the measured rate. What is done is not repeated; but a point with finer particles makes the common
+named), `--axis` chooses settings, with values (`--axis plate_speed=0.05,0.1`) or the usual ones, `--on slurm` runs the
+points on a cluster, `--against CASE` forecasts the time of another case at the measured rate. What is done is not repeated; but a point with finer particles makes the common
 grid finer, and then production starts anew. Everything goes to `results/<case>-study`: `report.html`, charts,
 `options.csv`, `points.csv`, `study.json`.
 
 `granpipe run CASE --total-error 5%` takes the cheapest setting of the case's study whose error is at most that; it
-says what it expects and, afterwards, what it got.
+says what it expects and, afterwards, what it got. Without a study of the case, one that granpipe brings along counts if
+it is of the same vessel and material. For any other scene its setting is carried over as a guess: the same narrowest
+opening over d90, plate speed over the automatic one, and travel in outlet diameters.
 
 ## How to read it
 
 - A **point** is one DEM run (or a hybrid, or a fluid). All points have one grid, as fine as the smallest particles
   need it: deposits are exact on any cell, so fields of different particles are compared face by face.
 - An **option** is a point, a method, and a length of its average. Shorter averages, larger cells and other methods
-  are made from the same segments without running anything. Their time is that of the stages up to there, as measured
-  when they ran; replicas count for as many cores as they are.
+  are made from the same segments without running anything. Their time is LIGGGHTS's processor time for each rank up to
+  there, filling included: the wall time on cores that nothing else uses. Replicas count for as many cores as they are.
 - **Statistical** is the standard error of the option's own average, **systematic** the difference of the point's
   whole average from the reference (finest particles, then slowest plate, then longest run), the noise of both taken
   off. Their squares add to the error. The 95 % bound includes how well either is known; by it an error is *proven*.
@@ -41,27 +47,48 @@ says what it expects and, afterwards, what it got.
   another filling, the axis `ranks` a third one on two ranks; what they differ from the case beyond the noise, no error
   bar of a single run sees.
 - The reference is not the truth. Its own row of the budget tells what is known to be missing.
+"""
 
+SMOKE = """\
 ## The smoke scene
 
-The page below is the study that `make study` makes of `cases/smoke.yaml`, copied here by `benchmarks/study.py`. The
-scene is too small and too short for its numbers to mean much; they show what a study looks like.
-
-![Error against time](images/study.png)
+This is what `make study` makes of `cases/smoke.yaml`, copied here by `benchmarks/study.py`. The scene is too small and
+too short for its numbers to mean much; they show what a study looks like. That of a real vessel is
+[study_reactor.md](study_reactor.md).
 """
+
+REACTOR = """\
+# The test reactor: error against run time
+
+This is what `make study-reactor` makes of `cases/reactor.yaml`, copied here by `benchmarks/study.py`; how to read it
+stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm in radius, enlarged twice. Points have
+them enlarged 1.5, 2.5 and 3 times (mean radius 4.5, 7.5 and 9 cm), other plate speeds at equal travel, other stiffness, a
+lower reservoir, another filling, two half runs side by side, and the hybrid. The material's own size was not run: it
+takes about sixteen times as long as the case. The reference is the point with mean radius 4.5 cm.
+"""
+
+PAGES = {"smoke": ("study", f"{HOW_TO_READ}\n{SMOKE}"), "reactor": ("study_reactor", REACTOR)}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("study", type=Path, help="folder of the study")
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs")
     parser.add_argument("--note", default="", help="about how it was made, to stand above the tables")
     options = parser.parse_args()
+    stored = json.loads((options.study / "study.json").read_text())
+    page, head = PAGES[stored["case"]["name"]]
+    docs = ROOT / "docs"
+    charts = []
+    for chart, title in (("error_time", "Error against time"), ("levers", "What each change costs and does")):
+        shutil.copyfile(options.study / f"{chart}.png", docs / "images" / f"{page}_{chart}.png")
+        charts.append(f"![{title}](images/{page}_{chart}.png)")
     report = (options.study / "report.md").read_text().replace("\n## ", "\n### ")
-    (options.out / "study.md").write_text(
-        "\n\n".join([HEAD.rstrip(), *filter(None, [options.note]), report.rstrip()]) + "\n"
+    (docs / f"{page}.md").write_text(
+        "\n\n".join([head.rstrip(), *charts, *filter(None, [options.note]), report.rstrip()]) + "\n"
     )
-    shutil.copyfile(options.study / "error_time.png", options.out / "images" / "study.png")
+    if page == "study_reactor":
+        kept = json.dumps({key: stored[key] for key in KEPT}, separators=(",", ":"))
+        (ROOT / "granpipe" / "templates" / "studies" / "reactor.json").write_text(kept + "\n")
 
 
 if __name__ == "__main__":
