@@ -153,6 +153,7 @@ SIMILAR_TIME = 8.0
 def _verdict(row: Row, changes: Mapping[str, str], plan: Plan | None, own: Path) -> Work:
     """Let granpipe run the row, as a user would, and keep what it says."""
     sets = [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
+    shutil.rmtree(own / "results" / scene(row).name, ignore_errors=True)  # the dumps of what is done are gone
     command = [sys.executable, "-m", "granpipe", "run", str(_scene_file(row)), *sets, "--results", str(own / "results")]
     begun = time.monotonic()
     with (own / "granpipe.txt").open("w") as output:
