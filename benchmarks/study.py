@@ -20,9 +20,9 @@ HOW_TO_READ = """\
 `granpipe study CASE` runs cheaper and dearer variants of a case, one setting at a time, and tells what each costs in
 accuracy and in time. `--hours` limits the wall time by the plans' forecasts (the dearest points are dropped and
 named), `--axis` chooses settings, with values (`--axis plate_speed=0.05,0.1`) or the usual ones, `--on slurm` runs the
-points on a cluster, `--against CASE` forecasts the time of another case at the measured rate. What is done is not repeated; but a point with finer particles makes the common
-grid finer, and then production starts anew. Everything goes to `results/<case>-study`: `report.html`, charts,
-`options.csv`, `points.csv`, `study.json`.
+points on a cluster, `--against CASE` forecasts the time of another case at the measured rate. What is done is not
+repeated; but a point with finer particles makes the common grid finer, and then production starts anew. Everything goes
+to `results/<case>-study`: `report.html`, charts, `options.csv`, `points.csv`, `study.json`.
 
 `granpipe run CASE --total-error 5%` takes the cheapest setting of the case's study whose error is at most that; it
 says what it expects and, afterwards, what it got. Without a study of the case, one that granpipe brings along counts if
@@ -62,9 +62,9 @@ REACTOR = """\
 
 This is what `make study-reactor` makes of `cases/reactor.yaml`, copied here by `benchmarks/study.py`; how to read it
 stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm in radius, enlarged twice. Points have
-them enlarged 1.5, 2.5 and 3 times (mean radius 4.5, 7.5 and 9 cm), other plate speeds at equal travel, other stiffness, a
-lower reservoir, another filling, two half runs side by side, and the hybrid. The material's own size was not run: it
-takes about sixteen times as long as the case. The reference is the point with mean radius 4.5 cm.
+them enlarged 1.5, 2.5 and 3 times (mean radius 4.5, 7.5 and 9 cm), other plate speeds at equal travel, other stiffness,
+a lower reservoir, another filling, two half runs side by side, and the hybrid. The material's own size was not run: it takes
+about sixteen times as long as the case. The reference is the point with mean radius 4.5 cm.
 """
 
 PAGES = {"smoke": ("study", f"{HOW_TO_READ}\n{SMOKE}"), "reactor": ("study_reactor", REACTOR)}
