@@ -63,8 +63,8 @@ REACTOR = """\
 This is what `make study-reactor` makes of `cases/reactor.yaml`, copied here by `benchmarks/study.py`; how to read it
 stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm in radius, enlarged twice. Points have
 them enlarged 1.5, 2.5 and 3 times (mean radius 4.5, 7.5 and 9 cm), other plate speeds at equal travel, other stiffness,
-a lower reservoir, another filling, two half runs side by side, and the hybrid. The material's own size was not run: it
-takes about sixteen times as long as the case. The reference is the point with mean radius 4.5 cm.
+a lower reservoir, another filling, and the hybrid. The material's own size was not run: it takes about sixteen times as
+long as the case. The reference is the point with mean radius 4.5 cm.
 """
 
 PAGES = {"smoke": ("study", f"{HOW_TO_READ}\n{SMOKE}"), "reactor": ("study_reactor", REACTOR)}

@@ -26,8 +26,8 @@ from granpipe.jsonfile import read_json
 from granpipe.plan import Plan
 from granpipe.simulate import Production
 
-WINDOWS = 5
-"""Lengths of the average that are looked at, each half as long as the one before."""
+WINDOWS, SHORTER = 7, 0.8
+"""Lengths of a run that are looked at, and each over the one before: early ones are all transient."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Ran:
         """Simulated times at which averages may end [s], the longest first."""
         run = min((p.run for p in self.productions), default=0)
         stops = [sums.stop for sums in self.parts if sums.run == run]
-        counts = [len(stops) >> halvings for halvings in range(WINDOWS)]
+        counts = sorted({int(len(stops) * SHORTER**times) for times in range(WINDOWS)}, reverse=True)
         return [stops[count - 1] for count in counts if count * len(self.productions) >= LEAST_BLOCKS]
 
     def until(self, end: float) -> list[Sums]:

@@ -297,7 +297,10 @@ class Study:
         half = len(parts) // 2
         if ran.plan.case.dem.replicas > 1 or half < LEAST_BLOCKS:
             return {}
-        first, second = (scene.measures(field_of(ran.plan, some).field) for some in (parts[:half], parts[half:]))
+        try:
+            first, second = (scene.measures(field_of(ran.plan, some).field) for some in (parts[:half], parts[half:]))
+        except DataError:
+            return {}  # a half is too short for a field
         return dict(first.against(second))
 
     @cached_property

@@ -133,13 +133,13 @@ def _particle_sections(found: Findings) -> Iterator[Section]:
         "Measures",
         [
             "Differences from the reference. Temperature: w D/κ = 100 at the outlet, feed at 0, walls and obstacles "
-            "at 1. The last row is the difference between the halves of the reference's own run: what is not larger "
+            "at 1. A row of halves is the difference between those of the reference's own run: what is not larger "
             "is no more than noise."
         ],
         head=("point", *names),
         rows=[
             *((lever.point, *_figures(lever.measures, names)) for lever in found.levers if lever.measures),
-            ("halves of the reference", *_figures(found.spread, names)),
+            *([("halves of the reference", *_figures(found.spread, names))] if found.spread else []),
         ],
     )
     yield Section(
@@ -273,7 +273,7 @@ def _forecasts(found: Findings, other: Plan | None) -> Section:
     text = []
     rows = []
     for lever in found.levers:
-        if lever.forecast is None or not lever.parts:
+        if lever.forecast is None:
             continue
         ratio = lever.seconds / lever.forecast
         good = "" if 1 / _GOOD_FORECAST <= ratio <= _GOOD_FORECAST else f"beyond a factor of {_GOOD_FORECAST:g}"

@@ -60,9 +60,11 @@ def test_of_replicas_the_slowest_counts_and_every_core(settled: Path) -> None:
     assert made.cores == 2
 
 
-def test_averages_are_halved_until_they_have_no_error_bar(settled: Path) -> None:
+def test_averages_are_shortened_by_a_fifth_until_they_have_no_error_bar(settled: Path) -> None:
     made = ran(Chain(0, settled, [float(n) for n in range(1, 41)]))
-    assert made.ends == [40, 20, 10]
+    assert made.ends == [40, 32, 25, 20, 16, 13, 10]
+    short = ran(Chain(0, settled, [float(n) for n in range(1, 11)]))
+    assert short.ends == [10, 8]
 
 
 def cone() -> tuple[Field, Grid]:
