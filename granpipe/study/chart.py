@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from granpipe.study.budget import TOLERANCES, Option, Part, pareto
+from granpipe.study.budget import TOLERANCES, Option, Part, pareto, percent
 
 
 def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
@@ -46,7 +46,9 @@ def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
         axes.axhline(tolerance, color="grey", linewidth=0.4)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_xlabel("wall time × cores [s]")
+    _readable(axes.xaxis, lambda seconds: f"{seconds:g} s" if seconds < 100 else f"{seconds / 60:.3g} min")
+    _readable(axes.yaxis, percent)
+    axes.set_xlabel("time × cores")
     axes.set_ylabel("error of the field, whole vessel")
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize=6, ncols=2)
@@ -80,11 +82,22 @@ def draw_levers(levers: Sequence[tuple[str, float, Part]], path: Path) -> None:
     axes.axvline(1.0, color="grey", linewidth=0.6)
     axes.set_xscale("log")
     axes.set_yscale("log")
+    _readable(axes.xaxis, lambda times: f"× {times:g}")
+    _readable(axes.yaxis, percent)
     axes.margins(x=0.2, y=0.1)
     axes.set_xlabel("time × cores, over that of the case")
     axes.set_ylabel("difference from the case (a dash: below it)")
     axes.grid(alpha=0.3, which="both")
     figure.savefig(path, dpi=120)
+
+
+def _readable(axis: Any, text: Callable[[float], str]) -> None:
+    """Ticks of a logarithmic axis at 1, 2 and 5 times powers of ten, in words."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: text(value)))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _lines(options: Sequence[Option]) -> dict[tuple[str, str], list[Option]]:
