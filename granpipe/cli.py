@@ -183,7 +183,7 @@ def scale(result: Path, flow: str, out: Path) -> None:
     """Write the export files of RESULT, a results folder, for another flow rate, without solving anything."""
     from granpipe.scale import scale_results
 
-    file = _read(result / "case.yaml", (f"flow_rate={flow}",))
+    file = _read_result(result, (f"flow_rate={flow}",))
     if warning := scale_results(result, file.case, out):
         click.echo(f"warning: {warning}", err=True)
     click.echo(f"scaled results in {out}")
@@ -204,9 +204,9 @@ def compare(one: Path, other: Path, tolerance: str) -> None:
     from granpipe.units import NUMBER, in_si
 
     limit = _quantity(in_si, tolerance, NUMBER, "--tolerance")
-    case = _read(one / "case.yaml", ()).case
-    diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
     fields = Field.load(one / "field.npz"), Field.load(other / "field.npz")
+    case = _read_result(one).case
+    diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
     found = compare_fields(*fields, case.outline.levels, diameter)
     click.echo(f"{'section':<12}{'difference':>12}{'noise':>10}{'noise-free':>12}{'95 % below':>12}")
     for d in found:
@@ -252,8 +252,16 @@ def clean(results: Path) -> None:
     """Delete the store of intermediate stages; results folders stay."""
     from granpipe.store import Store
 
-    freed = Store(results / ".store").clear()
+    store = results / ".store"
+    if not store.is_dir():
+        click.echo(f"nothing to do: there is no {store}")
+        return
+    freed, kept = Store(store).clear()
     click.echo(f"freed {freed / 1e6:.1f} MB; the next run of a case starts anew")
+    for why in kept:
+        click.echo(f"kept {why}", err=True)
+    if kept:
+        sys.exit(GranpipeError.exit_status)
 
 
 @main.command()
@@ -388,7 +396,10 @@ def study(
     from granpipe.study.ladder import read_axes
     from granpipe.study.points import make_study
     from granpipe.study.run import prepare_study, report_study
+    from granpipe.sweep.status import standings
 
+    if not hours > 0:  # no number
+        raise click.BadParameter(f"{hours} must be above 0", param_hint="--hours")
     cores = cores or usable_cores()
     other = None if against is None else plan_case(_read(against, ()))
     made = make_study(_read(case, overrides).case, hours, cores, read_axes(axes), known_rates())
@@ -409,6 +420,8 @@ def study(
 
             run_here(prepared.folder, prepared.points, cores, console)
         files, missing = report_study(prepared.folder, other, console)
+    if marked := [one.name for one in standings(prepared.folder) if one.word == "done" and one.text]:
+        click.echo(f"a quality gate failed in {', '.join(marked)}: granpipe status {prepared.folder.root}", err=True)
     for one in missing:
         click.echo(f"{one.name}: {one.text or one.word}", err=True)
     for file in files:
@@ -499,9 +512,18 @@ def _quantity(read: Any, text: str, dimension: Any, option: str) -> float:
         value = float(read(plain_value(text), dimension))
     except UnitError as error:
         raise click.BadParameter(str(error), param_hint=option) from None
-    if option in ("--cell", "--time-step") and value <= 0:
+    if option in ("--cell", "--time-step", "--tolerance", "--total-error") and not value > 0:
         raise click.BadParameter(f"{text} must be above 0", param_hint=option)
     return value
+
+
+def _read_result(folder: Path, overrides: tuple[str, ...] = ()) -> CaseFile:
+    """The case of a results folder."""
+    from granpipe.errors import DataError
+
+    if not (folder / "case.yaml").is_file():
+        raise DataError(f"{folder} is no results folder: it has no case.yaml")
+    return _read(folder / "case.yaml", overrides)
 
 
 def _read(path: Path, overrides: tuple[str, ...]) -> CaseFile:

@@ -280,6 +280,8 @@ class Field:
             extra = {name: stored.pop(name) for name in stored.keys() - {f.name for f in fields(cls)}}
             values = {name: float(value) if value.ndim == 0 else value for name, value in stored.items()}
             return cls(grid=grid, extra=extra, **values)  # type: ignore[arg-type]
+        except FileNotFoundError:
+            raise DataError(f"{path}: there is none; give the results folder of a run that has ended") from None
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DataError(f"{path}: not a field.npz that granpipe wrote ({error})") from error
 

@@ -13,7 +13,7 @@ from granpipe.errors import CaseError
 from granpipe.plan import Model, Plan, make_plan
 from granpipe.progress import Progress
 from granpipe.quality import Gate
-from granpipe.results import Made, is_current, results_key, write_results
+from granpipe.results import Made, check_folder, is_current, results_key, write_results
 from granpipe.store import Store, digest
 from granpipe.tools import library_versions, program_versions
 
@@ -51,6 +51,7 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
     key = results_key(file.case, tools)
     if (failed := is_current(folder, key)) is not None:
         return Outcome(folder, failed, made=False)
+    check_folder(folder)
     for warning in plan.warnings:
         progress.note(f"note: {warning}")
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import shutil
 import time
 from dataclasses import dataclass
@@ -57,12 +58,26 @@ def is_current(folder: Path, key: str) -> tuple[Gate, ...] | None:
     return tuple(gate for gate in gates if not gate.passed) if whole and provenance["key"] == key else None
 
 
+def check_folder(folder: Path) -> None:
+    """RunError where results cannot be put into a folder; asked before the work and not after it."""
+    try:
+        foreign = folder.exists() and not (folder / "provenance.json").exists() and any(folder.iterdir())
+    except NotADirectoryError:
+        foreign = True
+    if foreign:
+        raise RunError(f"{folder} exists and is not granpipe's; move it away or choose another --results")
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise RunError(f"{there} is a file; move it away or choose another --results")
+    if not os.access(there, os.W_OK):
+        raise RunError(f"{there}: not writable; choose another folder with --results")
+
+
 def write_results(
     folder: Path, plan: Plan, made: Made, key: str, tools: dict[str, str], begun: float
 ) -> tuple[Gate, ...]:
     """Write everything; return the gates that failed."""
-    if folder.exists() and not (folder / "provenance.json").exists() and any(folder.iterdir()):
-        raise RunError(f"{folder} exists and is not granpipe's; move it away or choose another --results")
+    check_folder(folder)
     with publishing(folder) as aside:
         (aside / "case.yaml").write_text(plan.case.to_yaml())
         write_json(aside / "plan.json", plan_summary(plan))

@@ -72,15 +72,18 @@ class Store:
                 with publishing(target) as folder:
                     yield from work(folder)
 
-    def clear(self) -> int:
-        """Delete every stage that no process is working on; return the bytes that were freed."""
-        freed = 0
+    def clear(self) -> tuple[int, list[str]]:
+        """Delete every stage; return the bytes that were freed, and why others were kept: processes work on them."""
+        freed, kept = 0, []
         for folder in self.root.glob("*-*/"):
             stage, _, key = folder.name.lstrip(".").split(".")[0].partition("-")
-            with contextlib.suppress(RunError), self.lock(stage, key):
-                freed += sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-                shutil.rmtree(folder)
-        return freed  # the empty lock files stay: deleting one while another process opens it would split the lock
+            try:
+                with self.lock(stage, key):
+                    freed += sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+                    shutil.rmtree(folder)
+            except RunError as error:
+                kept.append(f"{folder.name}: {error}")
+        return freed, kept  # empty lock files stay: deleting one while another process opens it would split the lock
 
     @contextlib.contextmanager
     def lock(self, stage: str, key: str) -> Iterator[None]:

@@ -139,6 +139,8 @@ def read_dumps(paths: Iterable[Path], columns: Sequence[str] | None = None) -> I
 
 def first_step(path: Path) -> int:
     """Step of the first snapshot in a file, from its first bytes alone."""
+    if not path.is_file():
+        raise DataError(f"{path}: {'a folder' if path.is_dir() else 'no such file'}; give the files of the dumps")
     with path.open("rb") as file:
         start = file.read(len(_TEXT_START))
         file.seek(0)

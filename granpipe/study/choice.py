@@ -6,6 +6,7 @@ the studies that granpipe brings along are a guess: their settings are carried o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import hypot
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.case import Case, CaseFile, resolve
-from granpipe.errors import CaseError
+from granpipe.errors import CaseError, DataError
 from granpipe.jsonfile import read_json
 from granpipe.plan import Plan, make_plan
 from granpipe.study.budget import PLAIN, Option, advise, percent
@@ -43,6 +44,7 @@ class Chosen:
 
     Parameters
     ----------
+    changes : of the case
     study : where the option is from
     proven : the option's 95 % bound is within the tolerance, not only its estimate
     guessed : the study is one of another scene
@@ -50,6 +52,7 @@ class Chosen:
 
     file: CaseFile
     option: Option
+    changes: Mapping[str, str]
     study: str
     proven: bool
     guessed: bool = False
@@ -57,19 +60,28 @@ class Chosen:
     @property
     def expected(self) -> str:
         """For the user, before the run."""
+        settings = ", ".join(f"{key} = {value}" for key, value in self.changes.items())
+        return "\n".join([self._forecast, f"settings: {settings}", *map("marked: {}".format, self._marks)])
+
+    @property
+    def _forecast(self) -> str:
         error, option = self.option.error(), self.option
         which = f"point {option.point}, method {option.method}, {self.study}"
+        size = f"{percent(error.value)}, at most {percent(error.upper)}"
         if self.guessed:
             return (
-                f"no study of this scene; as {which}, in this scene's measures: there the error was "
-                f"{percent(error.value)}, at most {percent(error.upper)}; here that is a guess, which granpipe study "
-                "would test"
+                f"no study of this scene; as {which}, in this scene's measures: there the error was {size}; here that "
+                "is a guess, which granpipe study would test"
             )
         sure = "" if self.proven else " (the study could not prove it)"
-        return (
-            f"{which}: expecting {percent(error.value)} of error, at most {percent(error.upper)}{sure}, in "
-            f"{option.seconds:.0f} s on {option.cores} cores of the machine that made the study"
-        )
+        what = "of the finite elements, not of the fluid as a model" if math.isinf(option.blocks) else "of error"
+        cores = "one core" if option.cores == 1 else f"{option.cores} cores"
+        return f"{which}: expecting {size} {what}{sure}, in {option.seconds:.3g} s on {cores} of the study's machine"
+
+    @property
+    def _marks(self) -> tuple[str, ...]:
+        """What lies outside granpipe's own rules, so that the run ends with a failed gate; the study has tried it."""
+        return make_plan(self.file.case).breaches
 
     def obtained(self, folder: Path) -> str:
         """For the user, after the run."""
@@ -92,15 +104,24 @@ def choose(file: CaseFile, results: Path, tolerance: float) -> Chosen:
     CaseError where no study has one.
     """
     own = results / study_name(file.case) / "study.json"
-    if own.is_file() and _scene(read_json(own)["case"]) != _scene(_plain(file.case)):
+    if own.is_file() and _scene(_studied(own)) != _scene(_plain(file.case)):
         message = f"{own.parent} is a study of another vessel or material; run granpipe study again, or move it away"
         raise CaseError(message, place="--total-error")
     for study in (own, *shipped()):
-        if study.is_file() and _scene(studied := read_json(study)["case"]) == _scene(_plain(file.case)):
+        if study.is_file() and _scene(studied := _studied(study)) == _scene(_plain(file.case)):
             option, proven = _best(read_options(study), tolerance, study)
             where = f"of the study in {study.parent}" if study == own else f"of granpipe's study of {study.stem}"
-            return Chosen(_with(file.case, studied, option), option, where, proven)
-    return _guess(file.case, tolerance)
+            changes = _settings(studied, option)
+            return Chosen(_changed(file.case, changes), option, changes, where, proven)
+    return _guess(file.case, tolerance, own)
+
+
+def _studied(study: Path) -> dict[str, Any]:
+    """The case of a study."""
+    try:
+        return dict(read_json(study)["case"])
+    except (KeyError, TypeError):
+        raise DataError(f"{study}: damaged; run the study again") from None
 
 
 def shipped() -> Iterator[Path]:
@@ -112,7 +133,7 @@ def _best(options: list[Option], tolerance: float, study: Path) -> tuple[Option,
     advice = advise(options, tolerance)
     if advice.option is None:
         best = min(option.error().value for option in options if option.method != PLAIN)
-        message = f"no option of {study} is within {tolerance:.2g}; the best has {best:.2g}"
+        message = f"no option of {study} is within {percent(tolerance)}; the best has {percent(best)}"
         raise CaseError(message, place="--total-error")
     return advice.option, advice.proven
 
@@ -127,12 +148,12 @@ def _scene(case: Mapping[str, Any]) -> dict[str, Any]:
     return {"outline": case["outline"], "material": case["material"], "contact": contact}
 
 
-def _with(case: Case, studied: Mapping[str, Any], option: Option) -> CaseFile:
-    """The case with the study's settings and the option's."""
+def _settings(studied: Mapping[str, Any], option: Option) -> dict[str, str]:
+    """The study's settings and the option's."""
     changes = {f"{group}.{key}": str(studied[group][key]) for group, key in _SETTLED}
     changes |= {"model": studied["model"]} | dict(option.changes)
     changes.pop("dem.seed", None)  # any filling will do
-    return _changed(case, changes)
+    return changes
 
 
 def _changed(case: Case, changes: dict[str, str]) -> CaseFile:
@@ -142,18 +163,17 @@ def _changed(case: Case, changes: dict[str, str]) -> CaseFile:
     return resolve(given, Places(case.name), changes)
 
 
-def _guess(case: Case, tolerance: float) -> Chosen:
+def _guess(case: Case, tolerance: float, own: Path) -> Chosen:
     """An option of the first study that granpipe brings along whose setting this scene can take over."""
     particles = case.varied({"model": "dem"})
     for study in shipped():
         options = [option for option in read_options(study) if option.method == "psi" and option.travel > 0]
         option, proven = _best(options, tolerance, study)
-        model = resolve(read_json(study)["case"], Places(study.name), option.changes).case
+        model = resolve(_studied(study), Places(study.name), option.changes).case
         changes = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
-        return Chosen(
-            _changed(case, changes), option, f"of granpipe's study of {study.stem}", proven=proven, guessed=True
-        )
-    raise CaseError("there is no study; make one with granpipe study", place="--total-error")
+        where = f"of granpipe's study of {study.stem}"
+        return Chosen(_changed(case, changes), option, changes, where, proven, guessed=True)
+    raise CaseError(f"there is no {own}; make one with granpipe study", place="--total-error")
 
 
 def carried_over(model: Plan, case: Case) -> dict[str, str]:

@@ -84,7 +84,9 @@ class Rung:
     variant: Variant
 
 
-Fits = Callable[[Variant], bool]
+Refusal = Callable[[Variant], CaseError | None]
+"""Why the scene does not allow a variant (a gap, a model, a wrong value); None where it does."""
+
 Axes = Mapping[str, Sequence[str]]
 """Axis → the values that the user gave, as YAML; none for those of the ladder."""
 
@@ -93,43 +95,67 @@ def read_axes(words: Iterable[str]) -> Axes:
     """``name`` or ``name=value,value`` → axes; CaseError for one that there is not."""
     found: dict[str, list[str]] = {}
     for word in words:
-        name, _, values = word.partition("=")
+        name, given, text = word.partition("=")
         if name not in (*_KEYS, CHEAP, BEST):
             raise CaseError(f"{name} is no axis; there are {', '.join((*_KEYS, CHEAP, BEST))}", place="--axis")
-        if values and name in (CHEAP, BEST):
+        if given and name in (CHEAP, BEST):
             raise CaseError(f"{name} follows from the other axes; it takes no values", place="--axis")
-        found.setdefault(name, []).extend(filter(None, map(str.strip, values.split(","))))
+        values = [value for value in map(str.strip, text.split(",")) if value]
+        if given and not values:
+            raise CaseError(f"no values in {word!r}; write such as {name}=1,2 or {name} alone", place="--axis")
+        found.setdefault(name, []).extend(values)
     return found
 
 
-def ladder(case: Case, basis: Basis, fits: Fits, axes: Axes | None = None) -> tuple[Rung, ...]:
+def ladder(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None = None) -> tuple[Rung, ...]:
     """Every point, the case itself first.
+
+    Of the usual values those that the scene does not allow are left out; for values of the user that is a CaseError.
 
     Parameters
     ----------
-    fits : says whether the scene allows a variant (gaps, models)
-    axes : to go along these alone, with these values; CaseError where one has none that the scene allows
+    axes : to go along these alone, with these values; CaseError where nothing is possible along one
     """
     axes = axes or {}
-    single = [Rung("", Variant(BASE, {}))]
-    for axis, value in _single(case, basis, axes):
-        changes = _changes(case, basis, axis, value)
-        variant = Variant(name_of({_KEYS[axis]: changes[_KEYS[axis]]}), changes)  # what follows is not in the name
-        if fits(variant):
-            single.append(Rung(axis, variant))
-    rungs = [*single, *(rung for rung in _combined(case, single) if fits(rung.variant))]
+    single, usual = [Rung("", Variant(BASE, {}))], _usual(case, basis)
+    for axis in (axis for axis in usual if not axes.get(axis)):
+        for value in usual[axis]:
+            variant = _variant(case, basis, axis, value)
+            if refusal(variant) is None:
+                single.append(Rung(axis, variant))
+    for axis in (axis for axis in usual if axes.get(axis)):
+        for value in dict.fromkeys(axes[axis]):
+            single.append(_wanted(case, basis, refusal, axis, value))
+    rungs = [*single, *(rung for rung in _combined(case, single) if refusal(rung.variant) is None)]
     if not axes:
         return tuple(rungs)
     for axis in axes:
         if not any(rung.axis == axis for rung in rungs):
-            raise CaseError(f"nothing along {axis} is possible here, or it has no other value", place="--axis")
+            raise CaseError(f"nothing along {axis} is possible in this scene", place="--axis")
     return tuple(rung for rung in rungs if not rung.axis or rung.axis in axes)
 
 
-def _single(case: Case, basis: Basis, axes: Axes) -> Iterator[tuple[str, str]]:
-    """Axis and value, one axis at a time; the values that the user gave instead of the usual ones."""
-    for axis, usual in _usual(case, basis).items():
-        yield from ((axis, value) for value in axes.get(axis) or usual)
+def _wanted(case: Case, basis: Basis, refusal: Refusal, axis: str, value: str) -> Rung:
+    """A point at a value of the user's; CaseError where it cannot be."""
+    place = f"--axis {axis}={value}"
+    try:
+        changed = case.varied({_KEYS[axis]: value})
+        if axis == "plate_speed" and changed.dem.plate_speed == "auto":
+            raise CaseError("auto is no value to go to; give a speed, in m/s or with its unit")
+        if changed.model_dump() == case.model_dump():
+            raise CaseError("that is what the case has; it is the point base")
+        variant = _variant(case, basis, axis, value)
+        error = refusal(variant)
+    except CaseError as wrong:
+        error = wrong
+    if error is not None:
+        raise CaseError(error.message, place=place) from None
+    return Rung(axis, variant)
+
+
+def _variant(case: Case, basis: Basis, axis: str, value: str) -> Variant:
+    changes = _changes(case, basis, axis, value)
+    return Variant(name_of({_KEYS[axis]: changes[_KEYS[axis]]}), changes)  # what follows is not in the name
 
 
 def _usual(case: Case, basis: Basis) -> dict[str, list[str]]:
@@ -174,16 +200,18 @@ def _changes(case: Case, basis: Basis, axis: str, value: str) -> dict[str, str]:
 def _combined(case: Case, single: Sequence[Rung]) -> Iterator[Rung]:
     """Coarsest with fastest, which is the cheapest; finest in two fillings, which is the best."""
 
-    def of(axis: str, key: str, usual: float) -> list[tuple[float, Variant]]:
-        rungs = [rung.variant for rung in single if rung.axis in ("", axis)]
-        return sorted(((float(v.changes.get(key, usual)), v) for v in rungs), key=lambda pair: pair[0])
+    def factor(variant: Variant) -> float:
+        return case.varied(variant.changes).dem.coarse_grain_factor
 
-    sizes = of("coarse_grain_factor", "dem.coarse_grain_factor", case.dem.coarse_grain_factor)
+    def speed(variant: Variant) -> float:
+        return float(case.varied(variant.changes).dem.plate_speed)
+
+    sizes = [rung.variant for rung in single if rung.axis in ("", "coarse_grain_factor")]
     speeds = [rung.variant for rung in single if rung.axis == "plate_speed"]
-    if speeds and (size := sizes[-1][1]).changes:
-        fast = max(speeds, key=lambda variant: float(case.varied(variant.changes).dem.plate_speed))
+    if speeds and (size := max(sizes, key=factor)).changes:
+        fast = max(speeds, key=speed)
         yield Rung(CHEAP, Variant(f"{size.name}-{fast.name}", size.changes | fast.changes))
-    if (size := sizes[0][1]).changes:
+    if (size := min(sizes, key=factor)).changes:
         yield Rung(BEST, Variant(f"{size.name}-replicas-2", size.changes | {"dem.replicas": "2"}))
 
 

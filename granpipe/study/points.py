@@ -87,10 +87,11 @@ def make_study(case: Case, hours: float, cores: int, axes: Axes | None = None, r
     basis = replace(_basis(case, plans), cores=cores)
     settled = _settled(case, basis)
 
-    def fits(variant: Variant) -> bool:
-        return _plan(settled, variant) is not None
+    def refusal(variant: Variant) -> CaseError | None:
+        plan = _plan(settled, variant)
+        return plan if isinstance(plan, CaseError) else None
 
-    rungs = ladder(settled, basis, fits, axes)
+    rungs = ladder(settled, basis, refusal, axes)
     forecast = {rung.variant.name: forecast_of(_needed(settled, rung), rates, cores) for rung in rungs}
     kept, dropped = affordable(
         rungs, lambda rung: forecast[rung.variant.name] * _busy(_needed(settled, rung), cores), hours * 3600 * cores
@@ -133,12 +134,12 @@ def _settled(case: Case, basis: Basis) -> Case:
     return resolve(given, Places(case.name), changes).case
 
 
-def _plan(case: Case, variant: Variant) -> Plan | None:
-    """Its plan, on one rank unless it says otherwise; None where the scene does not allow it."""
+def _plan(case: Case, variant: Variant) -> Plan | CaseError:
+    """Its plan, on one rank unless it says otherwise, or why the scene does not allow it."""
     try:
         return make_plan(case.varied({"dem.ranks": "1"} | variant.changes))
-    except CaseError:
-        return None
+    except CaseError as error:
+        return error
 
 
 def _busy(plan: Plan, cores: int) -> int:
@@ -149,7 +150,7 @@ def _busy(plan: Plan, cores: int) -> int:
 
 def _needed(case: Case, rung: Rung) -> Plan:
     plan = _plan(case, rung.variant)
-    assert plan is not None  # it has been tried
+    assert isinstance(plan, Plan)  # it has been tried
     return plan
 
 

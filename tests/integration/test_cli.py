@@ -84,6 +84,7 @@ def test_a_results_folder_of_somebody_else_is_not_touched(tiny: Path) -> None:
     done = granpipe("run", hopper, "--set", "name=h", "--set", "figures=[]", cwd=tiny.parent)
     assert done.returncode == 3
     assert (own / "thesis.txt").read_text() == "years of work"
+    assert "fluid" not in done.stderr  # it is refused before the work
 
 
 def test_a_results_folder_that_cannot_be_made_is_one_sentence(tiny: Path) -> None:
@@ -92,6 +93,29 @@ def test_a_results_folder_that_cannot_be_made_is_one_sentence(tiny: Path) -> Non
     assert done.returncode == 3
     assert "results" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("homogenize", "none.dump", "--cell", "1cm", "--time-step", "1", "--out", "x"), "none.dump: no such file"),
+        (("homogenize", ".", "--cell", "1cm", "--time-step", "1", "--out", "x"), "a folder; give the files"),
+        (("compare", "none", "none"), "none/field.npz: there is none; give the results folder"),
+        (("scale", "none", "--flow", "1 kg/h", "--out", "x"), "none is no results folder"),
+        (("study", "tiny.yaml", "--hours", "nan"), "must be above 0"),
+        (("run", "tiny.yaml", "--total-error", "0"), "must be above 0"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_what_is_not_there_or_wrong_is_one_sentence(tiny: Path, words: tuple[str, ...], told: str) -> None:
+    done = granpipe(*words, cwd=tiny.parent)
+    assert done.returncode in (2, 3)
+    assert told in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_cleaning_nothing_says_so(tmp_path: Path) -> None:
+    assert "nothing to do" in granpipe("clean", cwd=tmp_path).stdout
 
 
 def test_a_truncated_dump_is_refused_with_the_byte(tmp_path: Path) -> None:

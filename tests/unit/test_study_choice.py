@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from granpipe.case import CaseFile, load_case, read_case
-from granpipe.errors import CaseError
+from granpipe.errors import CaseError, DataError
 from granpipe.plan import make_plan
 from granpipe.study import choice as study_choice
 from granpipe.study.budget import Option, Part
@@ -95,7 +95,7 @@ def test_a_target_of_the_case_does_not_end_the_run(results: Path) -> None:
 
 
 def test_nothing_good_enough_names_the_best(results: Path) -> None:
-    with pytest.raises(CaseError, match=r"the best has 0\.03"):
+    with pytest.raises(CaseError, match=r"the best has 3\.0%"):
         choose(smoke(), results, 0.01)
 
 
@@ -153,3 +153,16 @@ def test_afterwards_it_says_what_it_got(results: Path) -> None:
     provenance = {"wall_seconds": 12.3, "figures": {"statistical_error": {"whole": 0.08}}}
     (folder / "provenance.json").write_text(json.dumps(provenance))
     assert chosen.obtained(folder) == "took 12 s; error 10.0%: 8.0% statistical as measured now, 6.0% from the study"
+
+
+def test_what_is_marked_and_what_is_set_is_told_before_the_run(results: Path) -> None:
+    told = choose(smoke(), results, 0.11).expected.splitlines()
+    assert any(line.startswith("settings: ") and "dem.plate_speed = 0.05" in line for line in told)
+    assert any(line.startswith("marked: plate_speed") and "too fast" in line for line in told)
+
+
+def test_a_damaged_study_is_told(tmp_path: Path) -> None:
+    (tmp_path / "smoke-study").mkdir()
+    (tmp_path / "smoke-study" / "study.json").write_text("{}")
+    with pytest.raises(DataError, match="damaged; run the study again"):
+        choose(smoke(), tmp_path, 0.11)

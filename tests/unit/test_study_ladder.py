@@ -24,8 +24,12 @@ def case():
     return load_case(CASES / "smoke.yaml", SMALL)
 
 
-def every(variant: Variant) -> bool:
-    return True
+def every(variant: Variant) -> None:
+    """Refuses nothing."""
+
+
+def no_coarse_graining(variant: Variant) -> CaseError | None:
+    return CaseError("too large for the throat") if "dem.coarse_grain_factor" in variant.changes else None
 
 
 def along(rungs, axis: str) -> list[dict[str, str]]:
@@ -101,8 +105,7 @@ def test_values_of_the_user_take_the_place_of_the_usual_ones(case) -> None:
 
 
 def test_what_does_not_fit_the_scene_is_left_out(case) -> None:
-    fits = lambda variant: "dem.coarse_grain_factor" not in variant.changes  # noqa: E731
-    rungs = ladder(case, BASIS, fits)
+    rungs = ladder(case, BASIS, no_coarse_graining)
     assert not along(rungs, "coarse_grain_factor")
     assert not along(rungs, BEST)
 
@@ -127,11 +130,39 @@ def test_the_dearest_are_dropped_but_never_the_case() -> None:
 
 
 @pytest.mark.parametrize(
-    ("word", "told"), [("colour", "there are model, coarse_grain_factor"), ("best=3", "takes no values")]
+    ("word", "told"),
+    [
+        ("colour", "there are model, coarse_grain_factor"),
+        ("best=3", "takes no values"),
+        ("plate_speed=", "no values in 'plate_speed='"),
+    ],
 )
 def test_an_axis_that_there_is_not_is_refused(word, told) -> None:
     with pytest.raises(CaseError, match=told):
         read_axes([word])
+
+
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [
+        ("plate_speed=auto", "auto is no value to go to"),
+        ("plate_speed=abc", "abc"),
+        ("coarse_grain_factor=0.5", r"must be in \[1, 100\]"),
+        ("coarse_grain_factor=3", "too large for the throat"),
+        ("seed=1", "that is what the case has"),
+    ],
+)
+def test_a_wrong_value_of_the_user_says_why(case, word, told) -> None:
+    with pytest.raises(CaseError, match=told) as caught:
+        ladder(case, BASIS, no_coarse_graining, read_axes([word]))
+    assert str(caught.value).startswith(f"--axis {word}")
+
+
+@pytest.mark.parametrize("text", ["150 %", "3/2"])
+def test_values_are_written_as_in_a_case(case, text) -> None:
+    rungs = ladder(case, BASIS, every, read_axes([f"coarse_grain_factor={text}"]))
+    (rung,) = (rung for rung in rungs if rung.axis)
+    assert case.varied(rung.variant.changes).dem.coarse_grain_factor == 1.5
 
 
 def test_an_axis_along_which_nothing_is_possible_is_refused(case) -> None:
