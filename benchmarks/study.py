@@ -22,7 +22,10 @@ accuracy and in time. `--hours` limits the wall time by the plans' forecasts (th
 named), `--axis` chooses settings, with values (`--axis plate_speed=0.05,0.1`) or the usual ones, `--on slurm` runs the
 points on a cluster, `--against CASE` forecasts the time of another case at the measured rate. What is done is not
 repeated; but a point with finer particles makes the common grid finer, and then production starts anew. Everything goes
-to `results/<case>-study`: `report.html`, charts, `options.csv`, `points.csv`, `study.json`.
+to `results/<case>-study`: `report.html`, charts, `options.csv`, `points.csv`, `study.json`. A study with
+other axes replaces them, but keeps what was run. `granpipe status results/<case>-study` shows its points, `cancel` ends
+them. Points outside granpipe's own rules are marked, as their runs would be; the study's own status is 0 all the same.
+A scene without particles has only its finite elements to compare: their error is not that of the fluid as a model.
 
 `granpipe run CASE --total-error 5%` takes the cheapest setting of the case's study whose error is at most that; it
 says what it expects and, afterwards, what it got. Without a study of the case, one that granpipe brings along counts if
@@ -52,9 +55,9 @@ opening over d90, plate speed over the automatic one, and travel in outlet diame
 SMOKE = """\
 ## The smoke scene
 
-This is what `make study` makes of `cases/smoke.yaml`, copied here by `benchmarks/study.py`. The scene is too small and
-too short for its numbers to mean much; they show what a study looks like. That of a real vessel is
-[study_reactor.md](study_reactor.md).
+This is what `make study` makes of `cases/smoke.yaml` with particles of 1.8 cm, copied here by `benchmarks/study.py`.
+The scene is too small and too short for its numbers to mean much; they show what a study looks like. That of a real
+vessel is [study_reactor.md](study_reactor.md).
 """
 
 REACTOR = """\
@@ -65,6 +68,9 @@ stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm
 them enlarged 1.5, 2.5 and 3 times (mean radius 4.5, 7.5 and 9 cm), other plate speeds at equal travel, other stiffness,
 a lower reservoir, another filling, and the hybrid. The material's own size was not run: it takes about sixteen times as
 long as the case. The reference is the point with mean radius 4.5 cm.
+
+With 7.5 and 9 cm the throat is narrower than five times d90, where granpipe marks coarse graining. Why shows at 7.5 cm:
+nothing passed the hopper for the last quarter of the run, an arch, so that there is no steady field.
 """
 
 PAGES = {"smoke": ("study", f"{HOW_TO_READ}\n{SMOKE}"), "reactor": ("study_reactor", REACTOR)}

@@ -20,6 +20,7 @@ from granpipe.study.chart import draw_curves, draw_levers, draw_options
 from granpipe.study.findings import Findings, Ladder, Lever
 from granpipe.study.fluid import Solve
 from granpipe.sweep.folder import Folder
+from granpipe.sweep.status import Standing
 from granpipe.sweep.table import Row, write_csv
 
 _GOOD_FORECAST = 1.5
@@ -29,8 +30,21 @@ _NO_POWER = 3.0
 """Misfit beyond which points along an axis do not follow a power of the setting."""
 
 
-def write_study(folder: Folder, case: Case, found: Findings, solves: Sequence[Solve], other: Plan | None) -> list[Path]:
-    """Write everything into the study's folder; `other` is a plan whose time shall be forecast at the measured rate."""
+def write_study(
+    folder: Folder,
+    case: Case,
+    found: Findings,
+    solves: Sequence[Solve],
+    other: Plan | None,
+    missing: Sequence[Standing],
+) -> list[Path]:
+    """Write everything into the study's folder.
+
+    Parameters
+    ----------
+    other : a plan whose time shall be forecast at the measured rate
+    missing : the points that have no result
+    """
     root = folder.root
     write_json(root / "study.json", _stored(case, found))
     write_csv([_option_row(option) for option in found.options], root / "options.csv")
@@ -43,6 +57,8 @@ def write_study(folder: Folder, case: Case, found: Findings, solves: Sequence[So
         _solve_curves(solves), "wall time of mesh and solve [s]", "error against the finest", root / "fluid.png"
     )
     sections = list(study_sections(found, solves, other))
+    if missing:
+        sections.append(_without_result(missing))
     (root / "report.md").write_text("\n\n".join([*study_intro(found), markdown(sections)]), encoding="utf-8")
     charts = {
         "Error against time": "error_time.png",
@@ -148,6 +164,11 @@ def _particle_sections(found: Findings) -> Iterator[Section]:
         head=("method", "systematic", "whole average", "statistical"),
         rows=[_method_row(method, options) for method, options in _by_method(found).items()],
     )
+
+
+def _without_result(missing: Sequence[Standing]) -> Section:
+    rows = [(one.name, one.word, one.text) for one in missing]
+    return Section("Points without a result", head=("point", "", "why"), rows=rows)
 
 
 def _recommended(found: Findings, other: tuple[str, float] | None) -> Section:

@@ -49,4 +49,4 @@ def report_study(folder: Folder, other: Plan | None, progress: Progress) -> tupl
     particles = any(point.ran for point in points)
     found = Comparison(case, points).findings(progress) if particles else fluid_findings(solves)
     progress.stage("report")
-    return write_study(folder, case, found, solves, other), missing
+    return write_study(folder, case, found, solves, other, missing), missing
