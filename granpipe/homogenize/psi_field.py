@@ -149,10 +149,12 @@ class _Steady:
             z = sums.grid.z_edges[int(np.argmin(self._flow))]
             raise DataError(f"no downward flow through z = {z:g} m in the average: blocked there, or average longer")
         if self.storage > _MOST_STORAGE:
+            held = self._flow[worst] < plug.solids_flow
+            remedy = "; if an arch holds it up, use smaller particles or a wider opening" if held else ""
             raise DataError(
                 f"the filling changes too fast for a steady field: between the plug and z = "
                 f"{sums.grid.z_edges[worst]:g} m {self.storage:.0%} of the flow gathers, of which {_MOST_STORAGE:.0%} "
-                "are allowed; average later or longer"
+                f"are allowed; average later or longer{remedy}"
             )
 
     def data(self, sums: Sums) -> Data:
