@@ -11,7 +11,7 @@ RESULTS = config.get("results", "results")
 RANKS = int(config.get("ranks", 1))
 
 # checks every point, writes down what is to be run, and says where
-listing = subprocess.run([GRANPIPE, "sweep", SWEEP, "--results", RESULTS, "--dry-run"], text=True, check=True,
+listing = subprocess.run([GRANPIPE, "sweep", SWEEP, "--results", RESULTS, "--write-only"], text=True, check=True,
                          capture_output=True).stdout.split()
 FOLDER, MISSING = listing[0], listing[1:]
 

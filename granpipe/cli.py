@@ -337,25 +337,30 @@ def homogenize(
 @click.option("--cluster", type=click.Path(path_type=Path), default=Path("cluster.yaml"), show_default=True,
               help="What jobs ask the cluster for.")  # fmt: skip
 @click.option(
-    "--dry-run", is_flag=True, help="Check every point; print the folder and the points that are missing; run nothing."
+    "--dry-run", is_flag=True, help="Check every point; print the folder and the missing points; run nothing."
 )
-def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path, dry_run: bool) -> None:
+@click.option("--write-only", is_flag=True, help="As --dry-run, but write down the points for Snakemake to run them.")
+def sweep(
+    sweep: Path, results: Path, on: str, cores: int | None, cluster: Path, dry_run: bool, write_only: bool
+) -> None:
     """Run every point of SWEEP, a sweep.yaml: here, or as array jobs on a Slurm cluster.
 
     What is done is not repeated, and what is in the queue is not submitted again.
     """
     from granpipe.sweep.file import read_profile, read_sweep
-    from granpipe.sweep.points import prepare
+    from granpipe.sweep.points import plan_points
 
-    if dry_run:
-        folder, points = prepare(read_sweep(sweep), results)
+    profile = read_profile(cluster) if on == "slurm" else None
+    folder, points = plan_points(read_sweep(sweep), results)
+    if write_only:
+        with folder.started():
+            pass
+    if dry_run or write_only:
         click.echo("\n".join([str(folder.root), *(point.name for point in points)]))
         return
-    if on == "slurm":
+    if profile is not None:
         from granpipe.sweep.jobs import submit
 
-        profile = read_profile(cluster)
-        folder, points = prepare(read_sweep(sweep), results)
         with _Console() as console:
             submit(folder, points, profile, console)
         click.echo(f"follow it with: granpipe status {folder.root}")
@@ -363,7 +368,6 @@ def sweep(sweep: Path, results: Path, on: str, cores: int | None, cluster: Path,
     from granpipe.cores import usable_cores
     from granpipe.sweep.local import run_here
 
-    folder, points = prepare(read_sweep(sweep), results)
     with _Console() as console:
         run_here(folder, points, cores or usable_cores(), console)
     _reduce(folder)
@@ -415,10 +419,9 @@ def study(
             submit(prepared.folder, prepared.points, read_profile(cluster), console)
             click.echo(f"follow it with: granpipe status {prepared.folder.root}; then run this command again")
             return
-        if prepared.points:
-            from granpipe.sweep.local import run_here
+        from granpipe.sweep.local import run_here
 
-            run_here(prepared.folder, prepared.points, cores, console)
+        run_here(prepared.folder, prepared.points, cores, console)
         files, missing = report_study(prepared.folder, other, console)
     if marked := [one.name for one in standings(prepared.folder) if one.word == "done" and one.text]:
         click.echo(f"a quality gate failed in {', '.join(marked)}: granpipe status {prepared.folder.root}", err=True)
@@ -447,11 +450,10 @@ def points(folder: Path, names: tuple[str, ...], ranks: int) -> None:
 @_SWEEP
 @_RESULTS
 def status(sweep: Path, results: Path) -> None:
-    """Show how every point of SWEEP stands (a sweep.yaml, or the folder of its results)."""
-    from granpipe.sweep.folder import find_folder
+    """Show how every point of SWEEP stands (a sweep.yaml, or the folder of a sweep or study)."""
     from granpipe.sweep.status import standings, summary
 
-    found = standings(find_folder(sweep, results))
+    found = standings(_sweep_folder(sweep, results))
     width = max(len(one.name) for one in found)
     for one in found:
         click.echo(f"{one.name:<{width}}  {one.word:<7}  {one.text.splitlines()[0] if one.text else ''}".rstrip())
@@ -462,11 +464,13 @@ def status(sweep: Path, results: Path) -> None:
 @_SWEEP
 @_RESULTS
 def cancel(sweep: Path, results: Path) -> None:
-    """Cancel the jobs of SWEEP, or end the process that runs it here; what is finished is kept."""
-    from granpipe.sweep.folder import find_folder
+    """Cancel the jobs of SWEEP, or end the process that runs it here; what is finished is kept.
+
+    SWEEP is a sweep.yaml, or the folder of a sweep or study.
+    """
     from granpipe.sweep.jobs import cancel as cancel_sweep
 
-    click.echo(cancel_sweep(find_folder(sweep, results)))
+    click.echo(cancel_sweep(_sweep_folder(sweep, results)))
 
 
 @main.command()
@@ -474,9 +478,22 @@ def cancel(sweep: Path, results: Path) -> None:
 @_RESULTS
 def reduce(sweep: Path, results: Path) -> None:
     """Write table and chart of SWEEP from the points that are done."""
+    _reduce(_sweep_folder(sweep, results))
+
+
+def _sweep_folder(path: Path, results: Path) -> Folder:
+    """The folder of a sweep or study, by itself or by a sweep.yaml."""
+    from granpipe.sweep.file import is_case
     from granpipe.sweep.folder import find_folder
 
-    _reduce(find_folder(sweep, results))
+    if path.is_file() and is_case(path):
+        from granpipe.errors import CaseError
+        from granpipe.study.points import study_name
+
+        folder = results / study_name(_read(path, ()).case)
+        found = f"give the folder of its study, {folder}" if folder.is_dir() else f"it has no study in {results}"
+        raise CaseError(f"is a case, not a sweep; {found}", place=str(path))
+    return find_folder(path, results)
 
 
 def _reduce(folder: Folder) -> None:
@@ -484,14 +501,17 @@ def _reduce(folder: Folder) -> None:
     from granpipe.sweep.reduce import reduce as reduce_sweep
     from granpipe.sweep.status import summary
 
-    found, files = reduce_sweep(folder)
+    reduced = reduce_sweep(folder)
+    found = reduced.standings
     for one in found:
         if one.word == "failed":
             click.echo(f"{one.name}: {one.text}", err=True)
     click.echo(summary(found))
-    for file in files:
+    for file in reduced.files:
         click.echo(f"wrote {file}")
-    if any(one.word != "done" for one in found):
+    for problem in reduced.problems:
+        click.echo(f"granpipe: {problem}", err=True)
+    if reduced.problems or any(one.word != "done" for one in found):
         sys.exit(3)
     if any(one.text for one in found):
         sys.exit(QUALITY_FAILED)

@@ -10,7 +10,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from granpipe.case import Case, resolve
 from granpipe.errors import CaseError
@@ -19,6 +18,7 @@ from granpipe.machine import Rates
 from granpipe.machine import forecast as forecast_of
 from granpipe.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, variants
 from granpipe.study.ladder import Axes, Basis, Rung, affordable, ladder
+from granpipe.sweep.content import Content
 from granpipe.sweep.file import Sweep
 from granpipe.sweep.variants import MAX_NAME, Variant
 from granpipe.yamlfile import Places
@@ -59,15 +59,12 @@ class Study:
         """Of the study's folder."""
         return study_name(self.case)
 
-    def sweep(self, folder: Path) -> Sweep:
-        """The study as a sweep; writes its case and its axes into a folder."""
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / "base.yaml"
-        path.write_text(self.case.to_yaml(), encoding="utf-8")
+    def sweep(self) -> Sweep:
+        """The study as a sweep, with its axes beside the points."""
         ladder = {"axes": {rung.variant.name: rung.axis for rung in self.rungs}, "forecast_seconds": self.forecast}
-        (folder / "ladder.json").write_text(json.dumps(ladder, indent=1))
-        points = tuple(rung.variant for rung in self.rungs)
-        return Sweep(self.name, path, points, (), (), ("csv",), Places(path.name))
+        points = {rung.variant.name: rung.variant for rung in self.rungs}
+        content = Content(self.case.to_yaml(), points, beside={"ladder.json": json.dumps(ladder, indent=1)})
+        return Sweep(self.name, content, self.case.name, Places(self.name))
 
 
 def study_name(case: Case) -> str:

@@ -15,21 +15,21 @@ from granpipe.study.fluid import fluid_findings, fluid_ladder
 from granpipe.study.points import Study
 from granpipe.study.report import write_study
 from granpipe.sweep.folder import Folder
-from granpipe.sweep.points import Point, prepare
+from granpipe.sweep.points import Point, plan_points
 from granpipe.sweep.status import Standing, standings
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """A study written down: its folder, and the points that are still to be run."""
+    """A study checked and planned: its folder, and the points that are still to be run."""
 
     folder: Folder
     points: list[Point]
 
 
 def prepare_study(study: Study, results: Path) -> Prepared:
-    """Write down what is to be run."""
-    return Prepared(*prepare(study.sweep(results / study.name), results))
+    """Check what is to be run; nothing is written before it is started."""
+    return Prepared(*plan_points(study.sweep(), results))
 
 
 def report_study(folder: Folder, other: Plan | None, progress: Progress) -> tuple[list[Path], list[Standing]]:

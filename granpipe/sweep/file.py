@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -13,15 +14,19 @@ from pydantic import Field, ValidationError, model_validator
 
 from granpipe.errors import CaseError
 from granpipe.explain import case_error
+from granpipe.overrides import SOURCE
+from granpipe.sweep.content import Content
 from granpipe.sweep.variants import MAX_NAME, Variant, crossed, spaced
 from granpipe.units import TIME
 from granpipe.values import Choices, File, Group, Kind, Name, Quantity, Whole, refuse
-from granpipe.yamlfile import Places, parse_value, read_yaml
+from granpipe.yamlfile import Places, parse_value, plain_value, read_yaml, text_of
 
 Table = Literal["csv", "netcdf"]
 
 MAX_POINTS = 100_000
 """Points of one sweep: each is a folder and a small file."""
+
+_EXAMPLE = "docs/cluster.md shows how to write a sweep"
 
 _DOTTED = r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z][A-Za-z0-9_]*)*"
 
@@ -64,6 +69,11 @@ class Axes(Kind):
         for index, key in keys:
             if [other for _, other in keys].count(key) > 1:
                 refuse("stands in two axes", (index, key), show_value=False)
+            for _, other in keys:
+                if key.startswith(f"{other}."):
+                    refuse(
+                        f"is part of {other}, which is varied, too; vary one of them", (index, key), show_value=False
+                    )
         return axes
 
     def accepts(self) -> str:
@@ -87,7 +97,21 @@ def _axis(group: Any, index: int) -> dict[str, list[str]]:
     if len(set(counts.values())) > 1:
         numbers = ", ".join(f"{key}: {count}" for key, count in counts.items())
         refuse(f"keys of one axis must have equally many values ({numbers})", (index,), show_value=False)
+    first, seen = next(iter(axis)), set()
+    for place, texts in enumerate(zip(*axis.values(), strict=True)):
+        changes = dict(zip(axis, texts, strict=True))
+        if (same := _meaning(changes)) in seen:
+            words = ", ".join(f"{key}: {text}" for key, text in changes.items())
+            where = (index, first, place) if isinstance(group[first], list) else (index, first)
+            refuse(f"{words} stands in this axis twice; give it once", where, show_value=False)
+        seen.add(same)
     return axis
+
+
+def _meaning(changes: Mapping[str, str]) -> frozenset[tuple[str, bool, Any]]:
+    """What is the same for equal changes, however their numbers are written."""
+    values = {key: plain_value(text) for key, text in changes.items()}
+    return frozenset((key, isinstance(value, bool), value) for key, value in values.items())
 
 
 def _values(item: Any, key: tuple[int, str]) -> list[str]:
@@ -190,9 +214,13 @@ class _Sweep(Group):
             number += _product(len(next(iter(axis.values()))) for axis in self.axes)
         if number > MAX_POINTS:
             refuse(f"must not make more than {MAX_POINTS} points together, not {number}", ("axes",), show_value=False)
-        for name in self.points:
-            if name in {variant.name for variant in crossed(self.axes)}:
+        known = {_meaning(self.set | variant.changes): variant.name for variant in crossed(self.axes)}
+        names = set(known.values())
+        for name, changes in self.points.items():
+            if name in names:
                 refuse("is the name of a point of the axes, too", ("points", name), show_value=False)
+            if (other := known.setdefault(_meaning(self.set | changes), name)) != name:
+                refuse(f"is the same as point {other}; leave one of them out", ("points", name), show_value=False)
         return self
 
 
@@ -210,38 +238,70 @@ class Sweep:
     Parameters
     ----------
     name : of the sweep
-    case : file of the case that is varied
-    variants : every point; its changes include those that all points share
-    axes : keys of the axes, in order
-    chart : columns of the table to draw
-    table : formats of the table
+    content : what is to be run
+    file : name of the file of the case
+    places : where the sweep's own keys stand
     """
 
     name: str
-    case: Path
-    variants: tuple[Variant, ...]
-    axes: tuple[str, ...]
-    chart: tuple[str, ...]
-    table: tuple[Table, ...]
+    content: Content
+    file: str
     places: Places
 
     def explain(self, error: CaseError, variant: Variant) -> CaseError:
         """An error in a point's case, told where the sweep sets the key that is wrong."""
-        for key in variant.changes:
-            if ".".join(map(str, error.key)).startswith(key):
-                found = [place for path, place in self.places.known.items() if path[-1] == key]
-                return CaseError(f"{error.message} (point {variant.name})", error.key, (found or [self.places.file])[0])
-        return CaseError(f"{error.message} (point {variant.name})", error.key, error.place)
+        place = error.place
+        if place == SOURCE:
+            place = self._place(max(variant.changes, key=lambda key: _in_common(key, error)), variant)
+        return CaseError(f"{error.message} (point {variant.name})", error.key, place)
+
+    def _place(self, key: str, variant: Variant) -> str:
+        """Where a point's change of a key stands: in the point itself, in an axis, or in `set`."""
+        known = self.places.known
+        axes = [path for path in known if path[0] == "axes" and path[2:] == (key,)]
+        paths = [("points", variant.name, key), *([] if ("points", variant.name) in known else axes), ("set", key)]
+        return next((known[path] for path in paths if path in known), self.places.file)
+
+
+def _in_common(key: str, error: CaseError) -> int:
+    """How many parts a dotted key has in common with that of an error."""
+    pairs = zip(key.split("."), error.key, strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def read_sweep(path: Path) -> Sweep:
-    """Read sweep.yaml; CaseError says what is wrong and where."""
-    data, places = read_yaml(path, "docs/cluster.md shows how to write a sweep")
-    given = _validated(_Sweep, data, places)
+    """Read sweep.yaml and the case that it varies; CaseError says what is wrong and where."""
+    given, places = _given(path)
+    case = path.parent / given.case
+    try:
+        text = text_of(case, "give the path of a case, relative to this file")
+    except CaseError as error:
+        raise CaseError(f"{given.case}: {error.message}", ("case",), places.locate(("case",))) from None
     named = [Variant(name, changes) for name, changes in given.points.items()]
-    variants = tuple(Variant(v.name, given.set | v.changes) for v in (*crossed(given.axes), *named))
+    variants = {v.name: Variant(v.name, given.set | v.changes) for v in (*crossed(given.axes), *named)}
     axes = tuple(key for axis in given.axes for key in axis)
-    return Sweep(given.name, path.parent / given.case, variants, axes, given.chart, given.table, places)
+    return Sweep(given.name, Content(text, variants, axes, given.chart, given.table), case.name, places)
+
+
+def sweep_name(path: Path) -> str:
+    """The name that sweep.yaml gives; the case need not be there."""
+    return _given(path)[0].name
+
+
+def is_case(path: Path) -> bool:
+    """Whether a file is a case rather than a sweep."""
+    return _is_case(read_yaml(path, _EXAMPLE)[0])
+
+
+def _given(path: Path) -> tuple[_Sweep, Places]:
+    data, places = read_yaml(path, _EXAMPLE)
+    if _is_case(data):
+        raise CaseError(f"is a case, not a sweep; `granpipe run` runs it, and {_EXAMPLE}", place=str(path))
+    return _validated(_Sweep, data, places), places
+
+
+def _is_case(data: Mapping[str, Any]) -> bool:
+    return "outline" in data and "case" not in data
 
 
 class Memory(Kind):

@@ -10,32 +10,49 @@ This module is about that folder alone: it imports little, so that one may often
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import json
 import os
 import socket
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from granpipe import __version__
-from granpipe.errors import DataError
-from granpipe.jsonfile import read_json
-from granpipe.store import Store, key_of
+from granpipe.errors import CaseError, DataError, RunError
+from granpipe.store import key_of
+from granpipe.sweep.content import Content
 from granpipe.sweep.state import State
 from granpipe.sweep.variants import Variant
 from granpipe.tools import library_versions
 
 _VERSION = 1
 
+_PATIENCE = 2.0
+"""How long a lock is tried for [s]: `granpipe status` may look at it for a moment."""
+
+
+@dataclass(frozen=True)
+class Owner:
+    """The process that runs the points, or submits them; nothing where it has not said so yet."""
+
+    host: str = ""
+    pid: int = 0
+
+    def __str__(self) -> str:
+        return f"process {self.pid} on {self.host}" if self.pid else "another process"
+
 
 @dataclass(frozen=True)
 class Folder:
-    """The folder of a sweep."""
+    """The folder of a sweep; `new` is what is to be run where that is not in it yet."""
 
     root: Path
+    new: Content | None = None
 
     @property
     def name(self) -> str:
@@ -53,23 +70,18 @@ class Folder:
         return self.root / "points"
 
     @cached_property
-    def plan(self) -> dict[str, Any]:
-        """`points.json`: axes, chart, table, and every point with its changes."""
-        return read_json(self.root / "points.json")
+    def content(self) -> Content:
+        """What is to be run."""
+        return self.new or Content.read(self.root)
 
-    @cached_property
+    @property
     def variants(self) -> dict[str, Variant]:
         """Every point by name, in order."""
-        return {point["name"]: Variant(**point) for point in self.plan["points"]}
-
-    @cached_property
-    def text(self) -> str:
-        """Text of the case that is varied."""
-        return self.case.read_text(encoding="utf-8")
+        return self.content.variants
 
     @cached_property
     def _common(self) -> dict[str, Any]:
-        digest = hashlib.sha256(self.text.encode()).hexdigest()
+        digest = hashlib.sha256(self.content.text.encode()).hexdigest()
         return {"case": digest, "granpipe": __version__, "tools": library_versions()}
 
     def state_file(self, name: str) -> Path:
@@ -91,31 +103,76 @@ class Folder:
         return state is not None and state.phase == "done" and (self.points / name / "provenance.json").is_file()
 
     @contextlib.contextmanager
-    def lock(self) -> Iterator[None]:
-        """Held by a process that runs the points, or submits them; `running.json` says where it is."""
-        with Store(self.root).lock("sweep", self.name):
-            yield
+    def started(self) -> Iterator[None]:
+        """Held by a process that runs the points, or submits them; what is to be run is written down first.
 
-    @contextlib.contextmanager
-    def running(self) -> Iterator[None]:
-        """While the points are run by this process."""
-        with self.lock():
-            replace_text(self.root / "running.json", json.dumps({"host": socket.gethostname(), "pid": os.getpid()}))
-            yield
+        RunError where another process holds it: nothing is written then.
+        """
+        self.root.mkdir(parents=True, exist_ok=True)
+        with self._lock.open("a+") as file:
+            self._take(file)
+            file.truncate(0)
+            file.write(json.dumps(asdict(Owner(socket.gethostname(), os.getpid()))))
+            file.flush()
+            for path in (self.root / "state", self.points):
+                path.mkdir(exist_ok=True)
+            if self.new is not None:
+                self.new.write(self.root)
+            try:
+                yield
+            finally:
+                file.truncate(0)
+
+    def owner(self) -> Owner | None:
+        """The process that runs the points, or submits them; None where there is none."""
+        try:
+            file = self._lock.open()
+        except FileNotFoundError:
+            return None
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return _owner(file)
+        return None
+
+    @property
+    def _lock(self) -> Path:
+        return self.root / f".sweep-{self.name}.lock"
+
+    def _take(self, file: IO[str]) -> None:
+        """Lock the file; the lock is the kernel's: it falls with its process, however that ends."""
+        end = time.monotonic() + _PATIENCE
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                if time.monotonic() > end:
+                    raise RunError(
+                        f"{_owner(file)} is running {self.root} already, and nothing was changed; wait for it, or end "
+                        f"it with `granpipe cancel {self.root}`"
+                    ) from None
+                time.sleep(0.02)
+            else:
+                return
+
+
+def _owner(file: IO[str]) -> Owner:
+    file.seek(0)
+    with contextlib.suppress(ValueError):
+        match json.loads(file.read()):
+            case {"host": str(host), "pid": int(pid)} if pid > 0:
+                return Owner(host, pid)
+    return Owner()
 
 
 def find_folder(path: Path, results: Path) -> Folder:
     """The folder of a sweep that has been started, by itself or by its sweep.yaml."""
-    from granpipe.sweep.file import read_sweep
+    from granpipe.sweep.file import sweep_name
 
-    folder = Folder(path if path.is_dir() else results / read_sweep(path).name)
+    if not path.exists():
+        raise CaseError("there is neither a folder of a sweep or study here nor a sweep.yaml", place=str(path))
+    folder = Folder(path if path.is_dir() else results / sweep_name(path))
     if not (folder.root / "points.json").is_file():
         raise DataError(f"{folder.root} holds no sweep; start it with `granpipe sweep`")
     return folder
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Write a file by one rename."""
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
-    aside.write_text(text, encoding="utf-8")
-    aside.replace(path)

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.errors import RunError
-from granpipe.jsonfile import read_json
 from granpipe.progress import Progress
 from granpipe.sweep import slurm
 from granpipe.sweep.file import Profile
@@ -33,7 +32,9 @@ _ELEMENTS = 40
 
 def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: Progress) -> list[str]:
     """Submit the points that are not in the queue already, and a job that makes the table; the ids of the jobs."""
-    with folder.lock():
+    most = slurm.largest_array()
+    slurm.plain_path(folder.root)
+    with folder.started():
         waiting = queued(folder)
         fresh = [point for point in points if point.name not in waiting]
         if not fresh:
@@ -42,7 +43,7 @@ def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: 
         scripts = _next_folder(folder)
         jobs = []
         for ranks in sorted({_ranks(point, profile) for point in fresh}):
-            lines = _lines([point for point in fresh if _ranks(point, profile) == ranks])
+            lines = _lines([point for point in fresh if _ranks(point, profile) == ranks], most)
             job = _submit_points(folder, scripts, lines, ranks, profile)
             jobs.append({"job": job, "points": [line.split() for line in lines]})
             progress.note(f"job {job}: {sum(map(len, map(str.split, lines)))} points in {len(lines)} elements")
@@ -64,24 +65,28 @@ def cancel(folder: Folder) -> str:
 
 
 def _end_here(folder: Folder) -> str:
+    owner = folder.owner()
+    if owner is None:
+        return f"nothing to cancel: {folder.root} is not running"
+    if not owner.pid:
+        raise RunError(f"{folder.root} is starting at this moment; try again")
+    if owner.host != socket.gethostname():
+        raise RunError(f"{owner} runs {folder.root}: cancel it there")
     try:
-        with folder.lock():
-            return "nothing to cancel: the sweep is not running"
-    except RunError:
-        owner = read_json(folder.root / "running.json")
-    if owner["host"] != socket.gethostname():
-        raise RunError(f"the sweep runs on {owner['host']}: cancel it there (process {owner['pid']})")
-    os.kill(int(owner["pid"]), signal.SIGTERM)
-    return f"told process {owner['pid']} to end"
+        os.kill(owner.pid, signal.SIGTERM)
+    except ProcessLookupError:
+        return f"nothing to cancel: {owner} has just ended"
+    except PermissionError:
+        raise RunError(f"{owner} runs {folder.root} for another user: only they can cancel it") from None
+    return f"told process {owner.pid} to end"
 
 
 def _ranks(point: Point, profile: Profile) -> int:
     return (point.ranks or profile.ranks) if point.particles else 1
 
 
-def _lines(points: Sequence[Point]) -> list[str]:
-    """The points of each element: one with particles, several without, and more where the array would be too long."""
-    most = slurm.largest_array()
+def _lines(points: Sequence[Point], most: int) -> list[str]:
+    """The points of each element: one with particles, several without, and more where they would be above `most`."""
     slow = [point.name for point in points if point.particles]
     quick = [point.name for point in points if not point.particles]
     lines = _split(slow, 1) + _split(quick, min(CHUNK, max(_LEAST, -(-len(quick) // _ELEMENTS))))

@@ -15,6 +15,7 @@ import sys
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NoReturn
 
 from granpipe.cores import VARIABLE
 from granpipe.errors import CaseError
@@ -42,7 +43,6 @@ def run_here(folder: Folder, points: Sequence[Point], cores: int, progress: Prog
     points = [point for point in points if point.name not in elsewhere]
     if (most := max((point.ranks for point in points), default=0)) > cores:
         raise CaseError(f"{most} ranks, but there are {cores} cores here", ("dem", "ranks"))
-    progress.stage(f"sweep {folder.name}", f"{len(points)} points to run on {cores} cores")
     ended = 0
 
     def attended(names: Sequence[str], ranks: int) -> Generator[None, None, None]:
@@ -52,9 +52,28 @@ def run_here(folder: Folder, points: Sequence[Point], cores: int, progress: Prog
         ended += len(names)
         progress.update(ended / len(points), f"{ended} of {len(points)} points")
 
-    with folder.running():
+    with interrupted_once(), folder.started():
+        progress.stage(folder.name, f"{len(points)} points to run on {cores} cores")
         tasks = (Task(names[0], ranks, attended(names, ranks)) for names, ranks in batches(points, cores))
         run_together(tasks, cores, _POLL)
+
+
+@contextlib.contextmanager
+def interrupted_once() -> Iterator[None]:
+    """The first Ctrl-C or SIGTERM ends the block; it is not disturbed by others while it cleans up."""
+    handled = [one for one in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(one) != signal.SIG_IGN]
+
+    def interrupt(*_: object) -> NoReturn:
+        for one in handled:
+            signal.signal(one, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = [(one, signal.signal(one, interrupt)) for one in handled]
+    try:
+        yield
+    finally:
+        for one, handler in before:
+            signal.signal(one, handler)
 
 
 def batches(points: Sequence[Point], cores: int, chunk: int = CHUNK) -> Iterator[tuple[list[str], int]]:

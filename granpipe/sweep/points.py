@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import copy
-import json
 import traceback
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,10 @@ from granpipe.pipeline import plan_case, run_case
 from granpipe.progress import Both, Progress
 from granpipe.store import Store
 from granpipe.sweep.file import Sweep
-from granpipe.sweep.folder import Folder, replace_text
+from granpipe.sweep.folder import Folder
 from granpipe.sweep.state import INTERRUPTED, Recorder
 from granpipe.sweep.variants import Variant
-from granpipe.yamlfile import Places, parse_yaml, text_of
+from granpipe.yamlfile import Places, parse_yaml
 
 
 @dataclass(frozen=True)
@@ -32,9 +31,9 @@ class Point:
     particles: bool
 
 
-def point_case(folder: Folder, name: str, ranks: int | None = None) -> CaseFile:
-    """The case of a point, with `ranks` MPI ranks where they are given; CaseError where it is wrong."""
-    data, places = copy.deepcopy(_parsed(folder.text, folder.case.name))
+def point_case(folder: Folder, name: str, ranks: int | None = None, file: str = "case.yaml") -> CaseFile:
+    """The case of a point, with `ranks` MPI ranks where they are given; CaseError, naming `file`, where it is wrong."""
+    data, places = copy.deepcopy(_parsed(folder.content.text, file))
     more = {} if ranks is None else {"dem.ranks": str(ranks)}
     return resolve(data, places, folder.variants[name].changes | {"name": name} | more)
 
@@ -44,30 +43,20 @@ def _parsed(text: str, file: str) -> tuple[dict[str, Any], Places]:
     return parse_yaml(text, file)
 
 
-def prepare(sweep: Sweep, results: Path) -> tuple[Folder, list[Point]]:
-    """Write down what is to be run; return the points whose results are missing, each checked and planned."""
-    folder = Folder(results / sweep.name)
+def plan_points(sweep: Sweep, results: Path) -> tuple[Folder, list[Point]]:
+    """The folder of a sweep, and the points whose results are missing, each checked and planned; nothing is written."""
+    folder = Folder(results / sweep.name, sweep.content)
     if (folder.root / "provenance.json").exists():
         raise CaseError(f"{folder.root} holds the results of a case; name the sweep otherwise", ("name",), "sweep")
-    for path in (folder.root / "state", folder.points):
-        path.mkdir(parents=True, exist_ok=True)
-    plan = {
-        "axes": sweep.axes,
-        "chart": sweep.chart,
-        "table": sweep.table,
-        "points": [asdict(variant) for variant in sweep.variants],
-    }
-    replace_text(folder.case, text_of(sweep.case))
-    replace_text(folder.root / "points.json", json.dumps(plan, indent=1, ensure_ascii=False))
-    missing = [variant for variant in sweep.variants if not folder.is_done(variant.name)]
+    missing = [variant for variant in folder.variants.values() if not folder.is_done(variant.name)]
     return folder, [_point(sweep, folder, variant) for variant in missing]
 
 
 def _point(sweep: Sweep, folder: Folder, variant: Variant) -> Point:
     try:
-        ranks = point_case(folder, variant.name).case.dem.ranks
+        ranks = point_case(folder, variant.name, file=sweep.file).case.dem.ranks
         plan = plan_case(
-            point_case(folder, variant.name, ranks=1)
+            point_case(folder, variant.name, ranks=1, file=sweep.file)
         )  # they may be too many for this machine, but run elsewhere
     except CaseError as error:
         raise sweep.explain(error, variant) from None

@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from granpipe.errors import DataError
 from granpipe.jsonfile import read_json
 from granpipe.sweep import slurm
-from granpipe.sweep.folder import Folder, replace_text
+from granpipe.sweep.content import replace_text
+from granpipe.sweep.folder import Folder
 from granpipe.sweep.slurm import Element
 
 
 def queued(folder: Folder) -> dict[str, Element]:
     """Points that are in Slurm's queue, waiting or running, with the element of the array that has them."""
-    lines = {str(job["job"]): job["points"] for job in jobs_of(folder)}
+    lines = {job["job"]: job["points"] for job in jobs_of(folder)}
     found: dict[str, Element] = {}
     for element in _elements(folder):
         job, _, index = element.job.partition("_")
@@ -29,14 +31,26 @@ def queued_jobs(folder: Folder) -> set[str]:
 
 def _elements(folder: Folder) -> list[Element]:
     """What of this sweep is in the queue; nothing where there is no Slurm: results may be looked at elsewhere."""
-    jobs = {str(job["job"]) for job in jobs_of(folder)}
+    jobs = {job["job"] for job in jobs_of(folder)}
     return [one for one in slurm.queue() if one.job.partition("_")[0] in jobs] if jobs and slurm.is_here() else []
 
 
 def jobs_of(folder: Folder) -> list[dict[str, Any]]:
     """The jobs that were submitted: `job`, and the `points` of each element; none for one that makes the table."""
     file = folder.root / "slurm" / "jobs.json"
-    return list(read_json(file)["jobs"]) if file.exists() else []
+    if not file.exists():
+        return []
+    match read_json(file):
+        case {"jobs": [*jobs]} if all(map(_is_job, jobs)):
+            return jobs
+    raise DataError(f"{file}: damaged; cancel the jobs of this sweep that `squeue --me` shows, and delete the file")
+
+
+def _is_job(job: Any) -> bool:
+    match job:
+        case {"job": str(), "points": [*lines]}:
+            return all(isinstance(line, list) for line in lines)
+    return False
 
 
 def write_jobs(folder: Folder, jobs: list[dict[str, Any]]) -> None:

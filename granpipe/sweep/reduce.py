@@ -2,33 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from granpipe.errors import DataError
+from granpipe.errors import DataError, GranpipeError
 from granpipe.jsonfile import read_json
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.status import Standing, standings
-from granpipe.sweep.table import Row, draw, write_csv, write_netcdf
+from granpipe.sweep.table import Row, draw, longest_axis, write_csv, write_netcdf
 
 
-def reduce(folder: Folder) -> tuple[list[Standing], list[Path]]:
-    """Write table and chart from what is there; failed points have a row, too. Returns how all stand, and the files."""
-    found = standings(folder)
+@dataclass(frozen=True)
+class Reduced:
+    """How all points stand, which files were written, and what could not be written."""
+
+    standings: list[Standing]
+    files: list[Path]
+    problems: list[GranpipeError]
+
+
+def reduce(folder: Folder) -> Reduced:
+    """Write table and chart from what is there; failed points have a row, too."""
+    found, content = standings(folder), folder.content
     keys = _varied_keys(folder)
     rows = [_row(folder, one, keys) for one in found]
-    written = []
-    for kind, write in (("csv", write_csv), ("netcdf", write_netcdf)):
-        if kind in folder.plan["table"]:
-            path = folder.root / f"table.{'nc' if kind == 'netcdf' else kind}"
-            write(rows, path)
-            written.append(path)
-    axes, figures = folder.plan["axes"], folder.plan["chart"]
-    if axes and figures and any(one.word == "done" for one in found):
-        draw(rows, axes, figures, folder.root / "chart.png")
-        written.append(folder.root / "chart.png")
-    return found, written
+    writers: dict[str, Callable[[Path], None]] = {}
+    if "csv" in content.table:
+        writers["table.csv"] = partial(write_csv, rows)
+    if "netcdf" in content.table:
+        writers["table.nc"] = partial(write_netcdf, rows)
+    done = [row for row, one in zip(rows, found, strict=True) if one.word == "done"]
+    over = longest_axis(done, content.axes)
+    if over is not None and content.chart:
+        others = [axis for axis in content.axes if axis != over]
+        writers["chart.png"] = partial(draw, done, over, others, content.chart)
+    result = Reduced(found, [], [])
+    for name, write in writers.items():
+        try:
+            write(folder.root / name)
+        except GranpipeError as error:
+            result.problems.append(error)
+        else:
+            result.files.append(folder.root / name)
+    return result
 
 
 def _varied_keys(folder: Folder) -> list[str]:

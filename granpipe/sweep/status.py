@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from granpipe.errors import RunError
 from granpipe.sweep import slurm
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.queue import queued
@@ -32,7 +31,7 @@ class Standing:
 
 def standings(folder: Folder) -> list[Standing]:
     """Every point in order."""
-    elements, here = queued(folder), _is_running(folder)
+    elements, here = queued(folder), folder.owner() is not None
     return [_standing(folder, name, elements.get(name), here) for name in folder.variants]
 
 
@@ -41,14 +40,6 @@ def summary(found: list[Standing]) -> str:
     counts = Counter(one.word for one in found)
     words: tuple[Word, ...] = ("done", "running", "waiting", "failed", "missing")
     return f"{len(found)} points: " + ", ".join(f"{counts[word]} {word}" for word in words if counts[word])
-
-
-def _is_running(folder: Folder) -> bool:
-    try:
-        with folder.lock():
-            return False
-    except RunError:
-        return True
 
 
 def _standing(folder: Folder, name: str, element: Element | None, here: bool) -> Standing:

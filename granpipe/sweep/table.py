@@ -48,15 +48,21 @@ def _column(rows: Sequence[Row], name: str) -> list[Any]:
     return [float("nan") if value == "" else float(value) for value in values]
 
 
-def draw(rows: Sequence[Row], axes: Sequence[str], figures: Sequence[str], path: Path) -> None:
-    """One panel per column in `figures` over the axis with most numbers, a line for each combination of the others.
+def longest_axis(rows: Sequence[Row], axes: Sequence[str]) -> str | None:
+    """The axis with most numbers, two at least; None where there is none to draw over."""
+    numbers = {axis: len({_number(row.get(axis, "")) for row in rows} - {None}) for axis in axes}
+    longest = max(axes, key=numbers.__getitem__, default=None)
+    return longest if longest is not None and numbers[longest] > 1 else None
+
+
+def draw(rows: Sequence[Row], over: str, others: Sequence[str], figures: Sequence[str], path: Path) -> None:
+    """One panel per column in `figures` over an axis, a line for each combination of the other axes.
 
     DataError where a column is not in the table, or holds no number.
     """
     from matplotlib.figure import Figure
 
-    over = max(axes, key=lambda axis: len({_number(row.get(axis, "")) for row in rows} - {None}))
-    others = [axis for axis in axes if axis != over]
+    rows = [row for row in rows if _number(row.get(over, "")) is not None]
     figure = Figure(figsize=(7.0, 3.2 * len(figures)), layout="constrained")
     for panel, column in zip(figure.subplots(len(figures), squeeze=False)[:, 0], figures, strict=True):
         lines = _lines(rows, over, others, column)
@@ -72,7 +78,7 @@ def draw(rows: Sequence[Row], axes: Sequence[str], figures: Sequence[str], path:
 
 
 def _lines(rows: Sequence[Row], over: str, others: Sequence[str], column: str) -> dict[str, list[tuple[float, float]]]:
-    """Label → points; rows without a number on either side are left out."""
+    """Label → points; rows without a number in the column are left out."""
     lines: dict[str, list[tuple[float, float]]] = {}
     for row in rows:
         x, y = _number(row.get(over, "")), _number(row.get(column, ""))
@@ -83,7 +89,7 @@ def _lines(rows: Sequence[Row], over: str, others: Sequence[str], column: str) -
         have = ", ".join(
             name for name in columns_of(rows) if any(_number(row.get(name, "")) is not None for row in rows)
         )
-        raise DataError(f"no numbers to draw in column {column} over {over}; columns with numbers: {have}")
+        raise DataError(f"chart: no numbers in column {column}, so nothing is drawn; columns with numbers: {have}")
     return lines
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,6 +13,8 @@ import time
 from pathlib import Path
 
 import pytest
+
+from granpipe.sweep.folder import Folder
 
 HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
 
@@ -98,7 +101,55 @@ def test_a_wrong_point_is_refused_before_anything_runs(tmp_path: Path) -> None:
     done = granpipe(tmp_path, "sweep", "sweep.yaml")
     assert done.returncode == 2
     assert "sweep.yaml:5 outline.sections.b.wall_factor: 1.3; must be in [0, 1] (point wall_factor-1_3)" in done.stderr
-    assert not list(tmp_path.glob("results/walls/points/*"))
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_dry_run_changes_nothing_of_a_sweep_that_was_run(
+    swept: tuple[Path, subprocess.CompletedProcess[str]],
+) -> None:
+    root, _ = swept
+    before = {path: path.read_bytes() for path in (root / "results" / "walls").iterdir() if path.is_file()}
+    (root / "other.yaml").write_text(FLUID.replace("last: 0.8", "last: 0.9"))
+    done = granpipe(root, "sweep", "other.yaml", "--dry-run")
+    new = ["wall_factor-0_633333333333", "wall_factor-0_766666666667", "wall_factor-0_9"]
+    assert done.stdout.split() == ["results/walls", *new, "wrong"]
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_a_sweep_that_another_process_runs_is_refused_before_anything_is_written(
+    swept: tuple[Path, subprocess.CompletedProcess[str]],
+) -> None:
+    root, _ = swept
+    folder = Folder(root / "results" / "walls")
+    before = (folder.root / "points.json").read_bytes()
+    (root / "other.yaml").write_text(FLUID.replace("last: 0.8", "last: 0.9"))
+    with folder.started():
+        done = granpipe(root, "sweep", "other.yaml")
+    assert done.returncode == 3
+    assert done.stderr.startswith(f"granpipe: process {os.getpid()} on ")
+    assert "is running results/walls already, and nothing was changed" in done.stderr
+    assert (folder.root / "points.json").read_bytes() == before
+
+
+def test_a_misspelt_chart_is_told_after_table_and_summary(tmp_path: Path) -> None:
+    (tmp_path / "sweep.yaml").write_text(SHORT.replace("chart: []", "chart: [nonsense]"))
+    done = granpipe(tmp_path, "sweep", "sweep.yaml")
+    assert done.returncode == 3
+    assert "4 points: 3 done, 1 failed\nwrote results/walls/table.csv" in done.stdout
+    failed, chart = done.stderr.splitlines()[-2:]
+    assert failed.startswith("wrong: ")
+    assert chart.startswith("granpipe: chart: no numbers in column nonsense")
+
+
+def test_a_case_in_place_of_a_sweep_is_told(tmp_path: Path) -> None:
+    (tmp_path / "hopper.yaml").write_text(HOPPER.read_text())
+    for command in ("status", "cancel"):
+        shutil.rmtree(tmp_path / "results", ignore_errors=True)
+        done = granpipe(tmp_path, command, "hopper.yaml")
+        assert (done.returncode, done.stdout) == (2, "")
+        assert "hopper.yaml: is a case, not a sweep; it has no study in results" in done.stderr
+        (tmp_path / "results" / "hopper-study").mkdir(parents=True)
+        assert "its study, results/hopper-study" in granpipe(tmp_path, command, "hopper.yaml").stderr
 
 
 def test_a_worker_that_dies_takes_one_point_and_the_others_go_on(tmp_path: Path) -> None:
@@ -120,14 +171,17 @@ def test_a_worker_that_dies_takes_one_point_and_the_others_go_on(tmp_path: Path)
 def test_an_interrupted_sweep_leaves_no_process_and_goes_on(tmp_path: Path) -> None:
     (tmp_path / "sweep.yaml").write_text(SHORT)
     command = [sys.executable, "-m", "granpipe", "sweep", "sweep.yaml", "--cores", "1"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL) as process:
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
         states = tmp_path / "results" / "walls" / "state"
         while not list(states.glob("*.json")):
             assert process.poll() is None
             time.sleep(0.01)
         worker = json.loads(next(states.glob("*.json")).read_text())["pid"]
         assert "told process" in granpipe(tmp_path, "cancel", "sweep.yaml").stdout
-        assert process.wait(60) == 130
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
     assert not Path(f"/proc/{worker}").exists()
     assert "3 done, 1 failed" in granpipe(tmp_path, "sweep", "sweep.yaml").stdout
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granpipe.errors import CaseError
-from granpipe.sweep.file import read_profile, read_sweep, value_text
+from granpipe.sweep.file import read_profile, read_sweep, sweep_name, value_text
 from granpipe.yamlfile import parse_value
 
 SWEEP = """\
@@ -27,6 +27,9 @@ points:
 
 @pytest.fixture
 def read(tmp_path):
+    (tmp_path / "cases").mkdir()
+    (tmp_path / "cases" / "hopper.yaml").write_text("name: hopper\n")
+
     def read(text, reader=read_sweep):
         path = tmp_path / "file.yaml"
         path.write_text(text)
@@ -43,13 +46,14 @@ def message(read, text, reader=read_sweep):
 
 def test_axes_and_points_become_variants(read, tmp_path):
     sweep = read(SWEEP)
-    assert sweep.case == tmp_path / "cases/hopper.yaml"
-    assert len(sweep.variants) == 7
-    assert sweep.variants[5].changes == {
+    variants = list(sweep.content.variants.values())
+    assert sweep.content.text == "name: hopper\n"
+    assert len(variants) == 7
+    assert variants[5].changes == {
         "figures": "[]", "contact.friction": "0.4", "dem.seed": "3", "dem.max_time": "30 s"
     }  # fmt: skip
-    assert sweep.variants[-1].name == "paper"
-    assert sweep.axes == ("contact.friction", "dem.seed", "dem.max_time")
+    assert variants[-1].name == "paper"
+    assert sweep.content.axes == ("contact.friction", "dem.seed", "dem.max_time")
 
 
 @pytest.mark.parametrize(
@@ -73,6 +77,20 @@ def test_values_become_text_that_means_the_same(value):
         ("number: 3", "number: 0", "must be a whole number from 1"),
         ("number: 3", "steps: 3", "or {first: …, last: …, number: …}"),
         ("dem.max_time", "contact.friction", "stands in two axes"),
+        ("dem.max_time", "contact.friction.x", "file.yaml:7 axes[1].contact.friction.x: is part of contact.friction"),
+        ("[0.2, 0.4]", "[0.4, 4e-1]", "file.yaml:5 axes[0].contact.friction[1]: contact.friction: 0.4 stands in this "),
+        (
+            "last: 3, number: 3}\n    dem.max_time: [10 s, 20 s, 30 s]",
+            "last: 1, number: 3}",
+            "file.yaml:6 axes[1].dem.s",
+        ),
+        (
+            "0.73, contact.restitution: 0.43}",
+            "0.73}\n  again: {contact.friction: 0.73}",
+            "file.yaml:10 points.again: is",
+        ),
+        ("cases/hopper.yaml", "cases/none.yaml", "file.yaml:2 case: cases/none.yaml: no such file; give the path of a"),
+        ("case: cases/hopper.yaml", "outline: {}", "file.yaml: is a case, not a sweep"),
         ("contact.friction: [", "contact friction: [", "must be a dotted key of the case"),
         ("contact.friction: [", "name: [", "cannot be varied"),
         ("paper:", "../paper:", "letters, digits"),
@@ -89,6 +107,16 @@ def test_what_is_wrong_is_refused_with_its_place(read, old, new, expected):
         assert expected in message(read, text)
     else:
         read(text)
+
+
+def test_values_of_a_zipped_axis_may_repeat_where_another_key_changes(read):
+    text = SWEEP.replace("[10 s, 20 s, 30 s]", "[10 s, 10 s, 10 s]")
+    assert len(read(text).content.variants) == 7
+
+
+def test_the_name_is_told_without_the_case(read, tmp_path):
+    (tmp_path / "cases" / "hopper.yaml").unlink()
+    assert read(SWEEP, sweep_name) == "friction"
 
 
 def test_a_sweep_without_points_is_refused(read):
@@ -112,6 +140,8 @@ def test_damaged_text_is_refused_or_read_but_never_breaks(data):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "sweep.yaml"
         path.write_text("".join(text))
+        (Path(folder) / "cases").mkdir()
+        (Path(folder) / "cases" / "hopper.yaml").write_text("name: hopper\n")
         with contextlib.suppress(CaseError):
             read_sweep(path)
 

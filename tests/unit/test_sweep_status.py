@@ -1,20 +1,28 @@
 """How a sweep stands, told from files and the queue alone."""
 
+import fcntl
 import json
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 
+from granpipe.errors import CaseError, DataError, RunError
+from granpipe.sweep import folder as sweep_folder
 from granpipe.sweep import slurm
 from granpipe.sweep import status as sweep_status
-from granpipe.sweep.folder import Folder
+from granpipe.sweep.content import Content
+from granpipe.sweep.folder import Folder, Owner, find_folder
+from granpipe.sweep.jobs import cancel
+from granpipe.sweep.queue import jobs_of
 from granpipe.sweep.slurm import Element
 from granpipe.sweep.state import Recorder, State
 from granpipe.sweep.status import standings, summary
@@ -126,10 +134,105 @@ def test_later_points_of_a_running_job_wait(folder, queue):
 
 
 def test_points_of_a_sweep_that_runs_here_wait(folder, queue):
-    with folder.running():
-        owner = json.loads((folder.root / "running.json").read_text())
+    with folder.started():
+        assert folder.owner() == Owner(socket.gethostname(), os.getpid())
         assert words(folder) == ["waiting"] * 3
-    assert owner == {"host": socket.gethostname(), "pid": os.getpid()}
+    assert folder.owner() is None
+    assert words(folder) == ["missing"] * 3
+
+
+def test_looking_at_a_folder_writes_nothing_into_it(folder, queue):
+    before = sorted(folder.root.rglob("*"))
+    standings(folder)
+    assert "nothing to cancel" in cancel(folder)
+    assert sorted(folder.root.rglob("*")) == before
+
+
+def test_a_folder_that_another_process_runs_is_neither_taken_nor_rewritten(folder, monkeypatch):
+    monkeypatch.setattr(sweep_folder, "_PATIENCE", 0.05)
+    before = folder.case.read_bytes(), (folder.root / "points.json").read_bytes()
+    other = Folder(folder.root, Content("name: other\n", {}, beside={"ladder.json": "{}"}))
+    refused = pytest.raises(RunError, match=f"process {os.getpid()} on .* is running .*granpipe cancel")
+    with folder.started(), refused, other.started():
+        pass
+    assert (folder.case.read_bytes(), (folder.root / "points.json").read_bytes()) == before
+    assert not (folder.root / "ladder.json").exists()
+    with other.started():
+        assert folder.case.read_text() == "name: other\n"
+        assert (folder.root / "ladder.json").exists()
+
+
+def test_a_glimpse_at_a_folder_does_not_keep_a_sweep_from_starting(folder, monkeypatch):
+    with folder.started():
+        pass
+    with folder._lock.open() as looking:
+        fcntl.flock(looking, fcntl.LOCK_SH)
+        threading.Timer(0.1, fcntl.flock, (looking, fcntl.LOCK_UN)).start()
+        with folder.started():
+            assert folder.owner() == Owner(socket.gethostname(), os.getpid())
+
+
+def test_only_the_owner_of_the_lock_is_told_to_end(folder, queue, monkeypatch):
+    told = []
+    monkeypatch.setattr(os, "kill", lambda pid, number: told.append((pid, number)))
+    with folder.started():
+        assert cancel(folder) == f"told process {os.getpid()} to end"
+        folder._lock.write_text(json.dumps({"host": "another", "pid": 7}))
+        with pytest.raises(RunError, match=r"process 7 on another runs .*: cancel it there"):
+            cancel(folder)
+        folder._lock.write_text("")
+        with pytest.raises(RunError, match="starting at this moment"):
+            cancel(folder)
+    folder._lock.write_text(json.dumps({"host": socket.gethostname(), "pid": 7}))  # left by one that was killed
+    assert "nothing to cancel" in cancel(folder)
+    assert told == [(os.getpid(), signal.SIGTERM)]
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"), [(ProcessLookupError, "has just ended"), (PermissionError, "another user")]
+)
+def test_a_process_that_cannot_be_told_to_end_is_explained(folder, queue, monkeypatch, error, expected):
+    def kill(pid, number):
+        raise error
+
+    monkeypatch.setattr(os, "kill", kill)
+    with folder.started():
+        try:
+            text = cancel(folder)
+        except RunError as refused:
+            text = str(refused)
+    assert expected in text
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["{}", "[]", "{", "3", '{"axes": [], "chart": [], "table": [], "points": []}',
+     '{"axes": [], "chart": [], "table": [], "points": [{"name": "a"}]}',
+     '{"axes": [], "chart": [], "table": [], "points": [{"name": "a", "changes": {"b": 1}}]}'],
+)  # fmt: skip
+def test_a_damaged_list_of_points_is_refused_with_a_remedy(folder, text):
+    (folder.root / "points.json").write_text(text)
+    with pytest.raises(DataError, match=r"points\.json: damaged .*start the sweep or study again"):
+        standings(folder)
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", '{"jobs": [{"job": "7"}]}', '{"jobs": [{"job": "7", "points": [1]}]}'])
+def test_a_damaged_list_of_jobs_is_refused_with_a_remedy(folder, text):
+    (folder.root / "slurm").mkdir()
+    (folder.root / "slurm" / "jobs.json").write_text(text)
+    with pytest.raises(DataError, match=r"jobs\.json: damaged; cancel"):
+        jobs_of(folder)
+
+
+def test_a_case_that_is_no_text_is_refused(folder):
+    folder.case.write_bytes(b"\xff\xfe")
+    with pytest.raises(DataError, match=r"case\.yaml: damaged"):
+        standings(folder)
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(CaseError, match=r"none: there is neither a folder of a sweep or study here nor a sweep\.yaml"):
+        find_folder(tmp_path / "none", tmp_path)
 
 
 def test_a_thousand_points_are_told_in_less_than_two_seconds(tmp_path, queue):
