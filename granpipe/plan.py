@@ -11,7 +11,7 @@ from granpipe.case import Case
 from granpipe.cores import usable_cores
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Choice, Settings, Vessel, choose
 from granpipe.dem.sizes import size_classes
-from granpipe.errors import CaseError
+from granpipe.errors import CaseError, MeshError
 from granpipe.field import Grid
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
@@ -234,7 +234,10 @@ class _Scene:
         given, radius, diameter = self.case.dem.facets, self.outline.r_max, settings.classes.sauter_diameter
         if given != "auto" and given % 4:
             raise CaseError(f"must be a multiple of 4, so that quarters are equal, not {given}", ("dem", "facets"))
-        turn = Turn.within(radius, diameter) if given == "auto" else Turn.of(given, diameter)
+        try:
+            turn = Turn.within(radius, diameter) if given == "auto" else Turn.of(given, diameter)
+        except MeshError as too_fine:
+            raise CaseError(str(too_fine), ("material", "size")) from None
         error = turn.chord_error(radius) / diameter
         breach = "" if error <= CHORD_LIMIT else f"the wall stands up to {error:.2g} particle diameters off"
         criterion = (

@@ -163,3 +163,9 @@ def test_a_plate_that_would_leave_the_solids_behind_is_refused(tiny: Path) -> No
     assert "too fast" in plan_of(tiny, dem__plate_speed=repr(10 * auto)).breaches[0]
     with pytest.raises(CaseError, match="leave the solids behind"):
         plan_of(tiny, dem__plate_speed=repr(100 * auto))
+
+
+def test_particles_too_small_for_the_facets_of_the_wall_are_the_cases_fault(tiny: Path) -> None:
+    with pytest.raises(CaseError, match="wall facets per turn") as caught:
+        plan_of(tiny, outline__unit="m", outline__wall="[[1, 0.0064], [1, 0]]", material__size="{diameter: 0.8 mm}")
+    assert caught.value.key == ("material", "size")
