@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from granpipe.errors import DataError
 from granpipe.field import Field, flux_from_psi
 from granpipe.plan import make_plan
 from granpipe.study.budget import advise
-from granpipe.study.findings import Point, Study
+from granpipe.study.findings import Findings, Point, Study
 from granpipe.study.fluid import Solve, fluid_findings
 from granpipe.study.ladder import BASE
 from granpipe.study.report import study_sections
@@ -156,3 +156,22 @@ def test_without_particles_the_finite_elements_are_the_options() -> None:
     advice = advise(found.options, 0.01)
     assert advice.option is found.options[1]
     assert "Error budget" not in {section.title for section in study_sections(found, solves, None)}
+
+
+def test_each_advice_says_how_much_longer_another_case_takes() -> None:
+    found = replace(fluid_findings([Solve(10, 2, 100, 2.0, 0.02)]), rate=1e6)
+    other = make_plan(CASE)
+    (section,) = (one for one in study_sections(found, [], other) if one.title == "Recommended settings")
+    assert section.head[-1] == "smoke takes"
+    by_tolerance = {row[0]: row[-1] for row in section.rows}
+    assert by_tolerance["2%"] == f"× {other.particle_steps / 1e6 / 2.0:.3g}"
+
+
+def test_levers_are_told_against_the_case_and_its_time() -> None:
+    studied = study(0.0)
+    base, coarse = (studied.lever(point, {}) for point in studied.points[:2])
+    found = Findings(BASE, (), (base, replace(coarse, seconds=3 * base.seconds)), (), {}, None)
+    (section,) = (one for one in study_sections(found, [], None) if one.title == "Levers")
+    ((name, times, difference),) = section.rows
+    assert (name, times) == (coarse.point, "× 3.00")
+    assert difference == str(coarse.from_base["whole"])
