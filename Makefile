@@ -51,7 +51,7 @@ status cancel: ready
 
 # particles of 2 cm stand for those of 1.8 cm
 study: ready
-	$(GRANPIPE) study cases/smoke.yaml --hours 0.08 --axis coarse_grain_factor --axis plate_speed --axis facets \
+	$(GRANPIPE) study cases/smoke.yaml --hours 0.08 --axis coarse_grain_factor=1 --axis plate_speed --axis facets \
 	    --axis replicas --axis seed --set 'material.size={diameter: 1.8 cm}' --set dem.coarse_grain_factor=1.111 \
 	    --set 'dem.max_time=4 s' --set 'homogenize.start=1 s'
 
