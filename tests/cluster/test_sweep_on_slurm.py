@@ -50,7 +50,7 @@ axes:
   - contact.friction: [0.2, 0.5, 0.8]
   - homogenize.start: [2 s, 3 s]  # such two share all that LIGGGHTS does
 points:
-  long: {dem.seed: 2, dem.max_time: 60 s}
+  long: {dem.seed: 2, dem.max_time: 80 s}
   lost: {dem.seed: 3, dem.max_time: 20 s}
   killed: {dem.seed: 4, dem.max_time: 20 s}
   two-ranks: {dem.seed: 5, dem.ranks: 2}
@@ -73,7 +73,7 @@ COUNTING = """\
 #!/bin/sh
 # LIGGGHTS that notes each of its starts: the job, the folder and the arguments.
 # The first production of the point `long` starts as on a slow node, so that its job hits the time limit on any machine.
-case "$GRANPIPE_JOB $*" in "1_7 "*produce.in*" first 1 "*) sleep 60 ;; esac
+case "$GRANPIPE_JOB $*" in "1_7 "*produce.in*" first 1 "*) sleep 40 ;; esac
 case "$OMPI_COMM_WORLD_RANK" in ""|0) [ "$2" = /dev/null ] || echo "$GRANPIPE_JOB $PWD $*" >>{notes} ;; esac
 exec {real} "$@"
 """
