@@ -23,6 +23,7 @@ import numpy as np
 from granpipe.field import Array, Box, Grid, Mask
 from granpipe.homogenize.deposit_box import add_to_boxes
 from granpipe.homogenize.slices import Index, disc_radius, floor, gauss, levels, lots, slab_points, spans
+from granpipe.interrupts import uninterrupted
 
 _LEAST_DISTANCE = 1e-30
 _LEAST_K2 = 1e-200  # root far below the least distance
@@ -184,7 +185,8 @@ def _add_compiled(spheres: _Spheres, grid: Grid, points: int, total: Deposit) ->
     """Add spheres to the deposit, with the same number of Gauss points for all."""
     from granpipe.homogenize.deposit_numba import add
 
-    add(*spheres, grid.r_edges, grid.z_edges, *gauss(points), *total[:3])
+    with uninterrupted():
+        add(*spheres, grid.r_edges, grid.z_edges, *gauss(points), *total[:3])
 
 
 def _add(spheres: _Spheres, grid: Grid, points: int, total: Deposit) -> None:

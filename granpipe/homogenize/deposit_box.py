@@ -16,6 +16,7 @@ import numpy as np
 
 from granpipe.field import Array, Box
 from granpipe.homogenize.slices import Index, disc_radius, floor, gauss, levels, lots, slab_points
+from granpipe.interrupts import uninterrupted
 
 _CHUNK = 1 << 18  # corners of rectangles at a time
 
@@ -93,7 +94,8 @@ def _add_compiled(position: Array, radius: Array, velocity: Array, grid: Box, po
     if grid.flat:
         in_space[3] = np.zeros((0, 0, 0))
     edges = grid.r_edges, grid.y_edges, grid.z_edges
-    add(position, radius, velocity, *edges, grid.flat, grid.cut, *gauss(points), *in_space)
+    with uninterrupted():
+        add(position, radius, velocity, *edges, grid.flat, grid.cut, *gauss(points), *in_space)
 
 
 def _add(

@@ -18,7 +18,7 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 ROOMS = {"geometry", "dem", "homogenize", "fluid", "export"}
 UPSTAIRS = {"sweep": set(), "study": {"sweep"}, "stability": set()}
 """Rooms that run many cases, and which of the others each may import; what runs one case knows nothing of them."""
-COMMON = {"field", "rzmesh", "case", "errors", "progress", "cores"}
+COMMON = {"field", "rzmesh", "case", "errors", "progress", "cores", "interrupts"}
 """The modules of granpipe that a room may import besides its own: what rooms hand to each other, and the case."""
 
 LATE = {"gmsh", "pyvista", "vtk", "vtkmodules", "matplotlib", "meshio", "pint", "skfem", "pymetis", "numba"}
