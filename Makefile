@@ -57,8 +57,8 @@ study: ready
 
 study-reactor: setup
 	$(VENV)/bin/granpipe study cases/reactor.yaml --hours 6 --set 'dem.max_time=30 s' --against cases/reactor_paper.yaml \
-	    --axis model=hybrid --axis coarse_grain_factor=1.5,2.5,3 --axis plate_speed=0.05,0.1,0.2 --axis cheap \
-	    --axis youngs_modulus=5e6 --axis seed
+	    --axis model=hybrid,fluid --axis coarse_grain_factor=1.5,2.5,3 --axis plate_speed=0.05,0.1,0.2 --axis cheap \
+	    --axis youngs_modulus=5e6 --axis reservoir_height=0.53 --axis seed
 	$(VENV)/bin/python benchmarks/study.py results/reactor-study
 
 test: setup

@@ -66,8 +66,8 @@ REACTOR = """\
 This is what `make study-reactor` makes of `cases/reactor.yaml`, copied here by `benchmarks/study.py`; how to read it
 stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm in radius, enlarged twice. Points have
 them enlarged 1.5, 2.5 and 3 times (mean radius 4.5, 7.5 and 9 cm), other plate speeds at equal travel, softer ones,
-another filling, and the hybrid. The material's own size was not run: it takes about sixteen times as long as the case.
-The reference is the point with mean radius 4.5 cm.
+another filling, a lower reservoir, the hybrid and the fluid alone. The material's own size was not run: it takes about
+sixteen times as long as the case. The reference is the point with mean radius 4.5 cm.
 
 With 7.5 and 9 cm the throat is narrower than five times d90, where granpipe marks coarse graining. Why shows at 7.5 cm:
 nothing passed the hopper for the last quarter of the run, an arch, so that there is no steady field.
