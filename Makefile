@@ -87,7 +87,7 @@ benchmarks: setup
 	$(VENV)/bin/python benchmarks/dem_settings.py
 
 docs: setup
-	$(VENV)/bin/python -c 'from granpipe.casedoc import reference; print(reference(), end="")' >docs/case.md
+	$(VENV)/bin/python -c 'from granpipe.case.reference import reference; print(reference(), end="")' >docs/case.md
 
 lock:
 	@PYTHON='$(PYTHON)' .ci/lock

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from sampling import segments
 
-from granpipe.case import load_case
+from granpipe.case.schema import load_case
 from granpipe.errors import DataError
 from granpipe.field import Array, Grid, Mask
 from granpipe.geometry.outline import Outline

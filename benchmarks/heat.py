@@ -21,13 +21,7 @@ sys.path.insert(0, str(HERE.parent / "tests"))
 from fakes.comsol_text import read_sections  # noqa: E402
 from methods import paper  # noqa: E402
 
-from granpipe.case import load_case  # noqa: E402
-from granpipe.export.comsol import write_comsol  # noqa: E402
-from granpipe.field import Array, Field  # noqa: E402
-from granpipe.geometry.outline import Outline  # noqa: E402
-from granpipe.geometry.section import mesh_section  # noqa: E402
-from granpipe.rzmesh import RZMesh  # noqa: E402
-from granpipe.study.heat import (  # noqa: E402
+from granpipe.analysis.heat import (  # noqa: E402
     HeatProblem,
     Stream,
     Temperature,
@@ -35,6 +29,12 @@ from granpipe.study.heat import (  # noqa: E402
     false_source,
     solve_heat,
 )
+from granpipe.case.schema import load_case  # noqa: E402
+from granpipe.export.comsol import write_comsol  # noqa: E402
+from granpipe.field import Array, Field  # noqa: E402
+from granpipe.geometry.outline import Outline  # noqa: E402
+from granpipe.geometry.section import mesh_section  # noqa: E402
+from granpipe.rzmesh import RZMesh  # noqa: E402
 
 Flow = Stream | Velocity
 

@@ -16,11 +16,11 @@ import numpy as np
 from methods import paper, plain
 from scipy import ndimage
 
-from granpipe.case import load_case
+from granpipe.analysis.surfaces import bulk_edge, crossings, displacement, speed, stagnant_area, void_area
+from granpipe.case.schema import load_case
 from granpipe.field import Array, Field, Grid, Mask, level_flow
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.smooth import flowing_faces, seen_packing
-from granpipe.study.measures import bulk_edge, crossings, displacement, speed, stagnant_area, void_area
 
 HERE = Path(__file__).resolve().parent
 PACKINGS = (0.03, 0.1, 0.25, 0.5)  # of the reference packing

@@ -15,12 +15,12 @@ from granpipe import __version__
 from granpipe.errors import GranpipeError
 
 if TYPE_CHECKING:
-    from granpipe.case import Case, CaseFile
+    from granpipe.case.schema import Case, CaseFile
     from granpipe.errors import CaseError
-    from granpipe.machine import Rates
-    from granpipe.plan import Model, Plan
+    from granpipe.planning.plan import Model, Plan
     from granpipe.study.choice import Chosen
     from granpipe.sweep.folder import Folder
+    from granpipe.system.rates import Rates
 
 INTERRUPTED = 130
 QUALITY_FAILED = 4
@@ -75,7 +75,7 @@ def main() -> None:
 @click.option("--total-error", metavar="ERROR", help="Take the cheapest setting that the case's study found so good.")
 def run(case: Path, overrides: tuple[str, ...], results: Path, total_error: str | None) -> None:
     """Run CASE: from the outline to field, COMSOL files and pictures."""
-    from granpipe.pipeline import run_case
+    from granpipe.run.pipeline import run_case
 
     file, chosen = _read(case, overrides), None
     if total_error is not None:
@@ -101,9 +101,9 @@ def run(case: Path, overrides: tuple[str, ...], results: Path, total_error: str 
 @_SET
 def plan(case: Path, overrides: tuple[str, ...]) -> None:
     """Show what a run of CASE would do, leave out and cost."""
-    from granpipe.machine import known_rates
-    from granpipe.pipeline import plan_case
-    from granpipe.plan import variants
+    from granpipe.planning.plan import variants
+    from granpipe.run.pipeline import plan_case
+    from granpipe.system.rates import known_rates
 
     file = _read(case, overrides)
     click.echo(_plan_text(plan_case(file), variants(file.case), known_rates()))
@@ -112,9 +112,9 @@ def plan(case: Path, overrides: tuple[str, ...]) -> None:
 @main.command()
 def calibrate() -> None:
     """Measure how fast this machine is, by a run of half a minute; plans then forecast their times by it."""
-    from granpipe.calibrate import calibrate as measure
-    from granpipe.doctor import require
-    from granpipe.machine import machine
+    from granpipe.run.calibrate import calibrate as measure
+    from granpipe.system.doctor import require
+    from granpipe.system.rates import machine
 
     require("gmsh library")
     with _Console() as console:
@@ -129,7 +129,7 @@ def calibrate() -> None:
 @_SET
 def check(case: Path, overrides: tuple[str, ...]) -> None:
     """Check CASE without running it."""
-    from granpipe.pipeline import plan_case
+    from granpipe.run.pipeline import plan_case
 
     made = plan_case(_read(case, overrides))
     for warning in (*made.warnings, *made.breaches):
@@ -141,7 +141,7 @@ def check(case: Path, overrides: tuple[str, ...]) -> None:
 @click.argument("path", type=click.Path(path_type=Path), default=Path("case.yaml"))
 def init(path: Path) -> None:
     """Write a commented starter case to PATH."""
-    from granpipe.case import starter_case
+    from granpipe.case.schema import starter_case
 
     try:
         with path.open("x") as file:
@@ -156,7 +156,7 @@ def init(path: Path) -> None:
 @main.command()
 def schema() -> None:
     """Print the JSON Schema of a case, for editors."""
-    from granpipe.case import schema_json
+    from granpipe.case.schema import schema_json
 
     click.echo(schema_json(), nl=False)
 
@@ -164,7 +164,7 @@ def schema() -> None:
 @main.command()
 def doctor() -> None:
     """Say what is installed, in which version, and what a missing part would be needed for."""
-    from granpipe.doctor import check as check_all
+    from granpipe.system.doctor import check as check_all
 
     findings = check_all()
     width = max(len(finding.name) for finding in findings)
@@ -181,7 +181,7 @@ def doctor() -> None:
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the new files.")
 def scale(result: Path, flow: str, out: Path) -> None:
     """Write the export files of RESULT, a results folder, for another flow rate, without solving anything."""
-    from granpipe.scale import scale_results
+    from granpipe.run.scale import scale_results
 
     file = _read_result(result, (f"flow_rate={flow}",))
     if warning := scale_results(result, file.case, out):
@@ -198,10 +198,10 @@ def compare(one: Path, other: Path, tolerance: str) -> None:
 
     They agree only where the 95 % upper bound of the difference without noise lies within the tolerance.
     """
-    from granpipe.compare import compare as compare_fields
+    from granpipe.analysis.compare import compare as compare_fields
+    from granpipe.case.units import NUMBER, in_si
     from granpipe.dem.sizes import size_classes
     from granpipe.field import Field
-    from granpipe.units import NUMBER, in_si
 
     limit = _quantity(in_si, tolerance, NUMBER, "--tolerance")
     fields = Field.load(one / "field.npz"), Field.load(other / "field.npz")
@@ -228,9 +228,10 @@ def stability(results: Path, quick: bool, done: bool, out: Path | None) -> None:
 
     Rows that are done are not repeated: delete RESULTS/stability to begin anew. All take half an hour of one core.
     """
-    from granpipe.cores import usable_cores
-    from granpipe.stability.rows import rows, subset
-    from granpipe.stability.suite import is_done, run_suite, write_page
+    from stability.rows import rows, subset
+    from stability.suite import is_done, run_suite, write_page
+
+    from granpipe.system.cores import usable_cores
 
     folder = results / "stability"
     with _Console() as console:
@@ -250,7 +251,7 @@ def stability(results: Path, quick: bool, done: bool, out: Path | None) -> None:
 @_RESULTS
 def clean(results: Path) -> None:
     """Delete the store of intermediate stages; results folders stay."""
-    from granpipe.store import Store
+    from granpipe.system.store import Store
 
     store = results / ".store"
     if not store.is_dir():
@@ -302,9 +303,9 @@ def homogenize(
     Without a case the field is the plain average on a grid round the particles, in the plane x-z made to conserve; with
     one it is made to conserve on the case's outline.
     """
-    from granpipe.raw import Request, homogenize_files, write_field
-    from granpipe.raw_grid import Frame
-    from granpipe.units import LENGTH, TIME, in_si
+    from granpipe.case.units import LENGTH, TIME, in_si
+    from granpipe.run.dump_grid import Frame
+    from granpipe.run.dumps import Request, homogenize_files, write_field
 
     def seconds(text: str | None, default: float, option: str) -> float:
         return default if text is None else _quantity(in_si, text, TIME, option)
@@ -365,8 +366,8 @@ def sweep(
             submit(folder, points, profile, console)
         click.echo(f"follow it with: granpipe status {folder.root}")
         return
-    from granpipe.cores import usable_cores
     from granpipe.sweep.local import run_here
+    from granpipe.system.cores import usable_cores
 
     with _Console() as console:
         run_here(folder, points, cores or usable_cores(), console)
@@ -394,13 +395,13 @@ def study(
 
     What is done is not repeated. On a cluster, run the command again when the jobs have ended: it makes the report.
     """
-    from granpipe.cores import usable_cores
-    from granpipe.machine import known_rates
-    from granpipe.pipeline import plan_case
+    from granpipe.run.pipeline import plan_case
     from granpipe.study.ladder import read_axes
     from granpipe.study.points import make_study
     from granpipe.study.run import prepare_study, report_study
     from granpipe.sweep.status import standings
+    from granpipe.system.cores import usable_cores
+    from granpipe.system.rates import known_rates
 
     if not hours > 0:  # no number
         raise click.BadParameter(f"{hours} must be above 0", param_hint="--hours")
@@ -518,15 +519,15 @@ def _reduce(folder: Folder) -> None:
 
 
 def _chosen(file: CaseFile, results: Path, total_error: str) -> Chosen:
+    from granpipe.case.units import NUMBER, in_si
     from granpipe.study.choice import choose
-    from granpipe.units import NUMBER, in_si
 
     return choose(file, results, _quantity(in_si, total_error, NUMBER, "--total-error"))
 
 
 def _quantity(read: Any, text: str, dimension: Any, option: str) -> float:
-    from granpipe.units import UnitError
-    from granpipe.yamlfile import plain_value
+    from granpipe.case.units import UnitError
+    from granpipe.case.yamlfile import plain_value
 
     try:
         value = float(read(plain_value(text), dimension))
@@ -547,7 +548,7 @@ def _read_result(folder: Path, overrides: tuple[str, ...] = ()) -> CaseFile:
 
 
 def _read(path: Path, overrides: tuple[str, ...]) -> CaseFile:
-    from granpipe.case import read_case
+    from granpipe.case.schema import read_case
 
     pairs = [text.partition("=") for text in overrides]
     for key, sign, _ in pairs:
@@ -662,7 +663,7 @@ def _source(rates: Rates | None) -> str:
 
 
 def _variant_line(model: Model, plan: Plan | CaseError, rates: Rates | None) -> str:
-    from granpipe.machine import forecast
+    from granpipe.system.rates import forecast
 
     if isinstance(plan, GranpipeError):
         return f"  {model:<7} not possible: {plan}"

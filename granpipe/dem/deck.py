@@ -16,7 +16,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
 import granpipe
-from granpipe.case import Case
+from granpipe.case.schema import Case
 from granpipe.dem.contact import GRAVITY
 from granpipe.dem.settings import Settings, slab_height
 from granpipe.errors import CaseError

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from granpipe.case import Case
+from granpipe.case.schema import Case
 from granpipe.dem import contact
 from granpipe.dem.dump import Snapshot
 from granpipe.dem.overlap import measure_overlap

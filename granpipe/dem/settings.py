@@ -10,12 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from granpipe.case import Case
-from granpipe.cores import usable_cores
+from granpipe.case.schema import Case
 from granpipe.dem import contact
 from granpipe.dem.sizes import SizeClasses, size_classes
 from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
+from granpipe.system.cores import usable_cores
 
 PACKING = 0.58
 """Random packing of a slowly moving bed of spheres; measured 0.57–0.59 above a sinking plate."""

@@ -19,7 +19,7 @@ from granpipe.geometry.segments import signed_area
 from granpipe.geometry.validate import ZRange, check_obstacles, check_sections, check_wall
 
 if TYPE_CHECKING:
-    from granpipe.case import Case
+    from granpipe.case.schema import Case
 
 Points = Sequence[Sequence[float]] | Array
 RELATIVE_TOLERANCE = 1e-6  # of the vessel's size: nearer points are taken as touching

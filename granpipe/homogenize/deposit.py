@@ -23,7 +23,7 @@ import numpy as np
 from granpipe.field import Array, Box, Grid, Mask
 from granpipe.homogenize.deposit_box import add_to_boxes
 from granpipe.homogenize.slices import Index, disc_radius, floor, gauss, levels, lots, slab_points, spans
-from granpipe.interrupts import uninterrupted
+from granpipe.system.interrupts import uninterrupted
 
 _LEAST_DISTANCE = 1e-30
 _LEAST_K2 = 1e-200  # root far below the least distance

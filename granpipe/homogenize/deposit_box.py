@@ -16,7 +16,7 @@ import numpy as np
 
 from granpipe.field import Array, Box
 from granpipe.homogenize.slices import Index, disc_radius, floor, gauss, levels, lots, slab_points
-from granpipe.interrupts import uninterrupted
+from granpipe.system.interrupts import uninterrupted
 
 _CHUNK = 1 << 18  # corners of rectangles at a time
 

@@ -13,14 +13,14 @@ from math import hypot
 from pathlib import Path
 from typing import Any
 
-from granpipe.case import Case, CaseFile, resolve
+from granpipe.case.schema import Case, CaseFile, resolve
+from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError, DataError
-from granpipe.jsonfile import read_json
-from granpipe.plan import Plan, make_plan
+from granpipe.planning.plan import Plan, make_plan
 from granpipe.study.budget import PLAIN, Option, advise, percent
 from granpipe.study.points import study_name
 from granpipe.study.report import read_options
-from granpipe.yamlfile import Places
+from granpipe.system.jsonfile import read_json
 
 SHIPPED = Path(__file__).parents[1] / "templates" / "studies"
 """Studies that granpipe brings along, as their ``study.json``; made by ``benchmarks/study.py``."""

@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granpipe.case import Case
-from granpipe.dem_field import after_transient, conserved_field, statistical_errors
+from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, Grid, flux_from_psi
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.coarsen import coarsened
 from granpipe.homogenize.psi_field import BLOCKS
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, effective_samples, standard_error
-from granpipe.jsonfile import read_json
-from granpipe.plan import Plan
-from granpipe.simulate import Production
+from granpipe.planning.plan import Plan
+from granpipe.run.dem_field import after_transient, conserved_field, statistical_errors
+from granpipe.run.dem_stages import Production
+from granpipe.system.jsonfile import read_json
 
 WINDOWS, SHORTER = 7, 0.8
 """Lengths of a run that are looked at, and each over the one before: early ones are all transient."""

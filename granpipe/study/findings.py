@@ -14,25 +14,25 @@ from typing import Any
 
 import numpy as np
 
-from granpipe.case import Case
-from granpipe.compare import Cells, Difference, compare, error_squares
-from granpipe.dem_field import statistical_errors
+from granpipe.analysis.compare import Cells, Difference, compare, error_squares
+from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, cell_vectors, section_rows
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.jsonfile import read_json
-from granpipe.pipeline import plan_case
-from granpipe.plan import Plan
+from granpipe.planning.plan import Plan
 from granpipe.progress import Progress, Silent
-from granpipe.simulate import simulate
-from granpipe.store import Store
+from granpipe.run.dem_field import statistical_errors
+from granpipe.run.dem_stages import simulate
+from granpipe.run.pipeline import plan_case
 from granpipe.study.budget import Option, Part
 from granpipe.study.fields import PSI, Method, Ran, field_of, methods_of
 from granpipe.study.limit import Slope, fit_slope
 from granpipe.study.scene import Scene
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.points import point_case
-from granpipe.tools import library_versions, program_versions
+from granpipe.system.jsonfile import read_json
+from granpipe.system.store import Store
+from granpipe.system.versions import library_versions, program_versions
 
 Parts = dict[str, Part]
 """Section, or the whole → part of an error."""

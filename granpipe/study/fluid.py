@@ -7,14 +7,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from granpipe.case import Case
-from granpipe.compare import compare
-from granpipe.dem_field import target_flow
+from granpipe.analysis.compare import compare
+from granpipe.case.schema import Case
 from granpipe.field import Grid
 from granpipe.fluid.fictitious import solve_fluid, to_field
-from granpipe.fluid_field import wall_law
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.section import mesh_section
+from granpipe.run.dem_field import target_flow
+from granpipe.run.fluid_field import wall_law
 from granpipe.study.budget import Option, Part
 from granpipe.study.findings import Findings
 from granpipe.study.ladder import BASE

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from granpipe.case import Case
+from granpipe.case.schema import Case
 from granpipe.errors import CaseError
 from granpipe.sweep.variants import Variant, name_of
 

@@ -11,17 +11,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from granpipe.case import Case, resolve
+from granpipe.case.schema import Case, resolve
+from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError
 from granpipe.geometry.revolve import Turn
-from granpipe.machine import Rates
-from granpipe.machine import forecast as forecast_of
-from granpipe.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, variants
+from granpipe.planning.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, variants
 from granpipe.study.ladder import Axes, Basis, Rung, affordable, ladder
 from granpipe.sweep.content import Content
 from granpipe.sweep.file import Sweep
 from granpipe.sweep.variants import MAX_NAME, Variant
-from granpipe.yamlfile import Places
+from granpipe.system.rates import Rates
+from granpipe.system.rates import forecast as forecast_of
 
 COARSEST = 4
 """Rows are a multiple of this, so that cells can be joined to twice and four times their size."""

@@ -9,12 +9,10 @@ from datetime import datetime
 from pathlib import Path
 
 from granpipe import __version__
-from granpipe.case import Case
+from granpipe.case.schema import Case
 from granpipe.errors import DataError
-from granpipe.jsonfile import read_json, write_json
-from granpipe.machine import machine
-from granpipe.plan import Plan
-from granpipe.report import Section, duration, markdown, write_page
+from granpipe.export.report import Section, duration, markdown, write_page
+from granpipe.planning.plan import Plan
 from granpipe.study.budget import TOLERANCES, Advice, Option, Part, advise, pareto, percent, sure_factor
 from granpipe.study.chart import draw_curves, draw_levers, draw_options
 from granpipe.study.findings import Findings, Ladder, Lever
@@ -22,6 +20,8 @@ from granpipe.study.fluid import Solve
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.status import Standing
 from granpipe.sweep.table import Row, write_csv
+from granpipe.system.jsonfile import read_json, write_json
+from granpipe.system.rates import machine
 
 _GOOD_FORECAST = 1.5
 """A forecast within this factor of the measured time is good."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from granpipe.case import load_case
+from granpipe.case.schema import load_case
 from granpipe.errors import RunError
-from granpipe.plan import Plan
+from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
 from granpipe.study.findings import Study as Comparison
 from granpipe.study.findings import load_points

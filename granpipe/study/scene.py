@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granpipe.case import Case
+from granpipe.analysis.heat import HeatProblem, Stream, Temperature, solve_heat
+from granpipe.analysis.residence_time import residence_time
+from granpipe.analysis.surfaces import bulk_edge, displacement, stagnant_area, void_area
+from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import Array, Field
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.section import mesh_section
-from granpipe.residence import residence_time
 from granpipe.rzmesh import RZMesh
-from granpipe.study.heat import HeatProblem, Stream, Temperature, solve_heat
-from granpipe.study.measures import bulk_edge, displacement, stagnant_area, void_area
 
 PECLET = 100.0
 """w D/κ at the outlet of the stated heat problem: a cold feed at 0, walls and obstacles at 1."""

@@ -12,14 +12,14 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
+from granpipe.case.messages import case_error
+from granpipe.case.overrides import SOURCE
+from granpipe.case.units import TIME
+from granpipe.case.values import Choices, File, Group, Kind, Name, Quantity, Whole, refuse
+from granpipe.case.yamlfile import Places, parse_value, plain_value, read_yaml, text_of
 from granpipe.errors import CaseError
-from granpipe.explain import case_error
-from granpipe.overrides import SOURCE
 from granpipe.sweep.content import Content
 from granpipe.sweep.variants import MAX_NAME, Variant, crossed, spaced
-from granpipe.units import TIME
-from granpipe.values import Choices, File, Group, Kind, Name, Quantity, Whole, refuse
-from granpipe.yamlfile import Places, parse_value, plain_value, read_yaml, text_of
 
 Table = Literal["csv", "netcdf"]
 

@@ -24,11 +24,11 @@ from typing import IO, Any
 
 from granpipe import __version__
 from granpipe.errors import CaseError, DataError, RunError
-from granpipe.store import key_of
 from granpipe.sweep.content import Content
 from granpipe.sweep.state import State
 from granpipe.sweep.variants import Variant
-from granpipe.tools import library_versions
+from granpipe.system.store import key_of
+from granpipe.system.versions import library_versions
 
 _VERSION = 1
 

@@ -17,14 +17,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
-from granpipe.cores import VARIABLE
 from granpipe.errors import CaseError
-from granpipe.pool import Task, run_together
 from granpipe.progress import Progress
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.points import Point
 from granpipe.sweep.queue import queued
 from granpipe.sweep.state import State
+from granpipe.system.cores import VARIABLE
+from granpipe.system.pool import Task, run_together
 
 CHUNK = 25
 """Points without particles that one worker takes."""

@@ -10,16 +10,16 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from granpipe.case import CaseFile, resolve
+from granpipe.case.schema import CaseFile, resolve
+from granpipe.case.yamlfile import Places, parse_yaml
 from granpipe.errors import CaseError, GranpipeError
-from granpipe.pipeline import plan_case, run_case
 from granpipe.progress import Both, Progress
-from granpipe.store import Store
+from granpipe.run.pipeline import plan_case, run_case
 from granpipe.sweep.file import Sweep
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.state import INTERRUPTED, Recorder
 from granpipe.sweep.variants import Variant
-from granpipe.yamlfile import Places, parse_yaml
+from granpipe.system.store import Store
 
 
 @dataclass(frozen=True)

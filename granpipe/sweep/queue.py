@@ -6,11 +6,11 @@ import json
 from typing import Any
 
 from granpipe.errors import DataError
-from granpipe.jsonfile import read_json
 from granpipe.sweep import slurm
 from granpipe.sweep.content import replace_text
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.slurm import Element
+from granpipe.system.jsonfile import read_json
 
 
 def queued(folder: Folder) -> dict[str, Element]:

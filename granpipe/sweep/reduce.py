@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.errors import DataError, GranpipeError
-from granpipe.jsonfile import read_json
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.status import Standing, standings
 from granpipe.sweep.table import Row, draw, longest_axis, write_csv, write_netcdf
+from granpipe.system.jsonfile import read_json
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from fakes.analytic_flow import binary_snapshot, text_snapshot
 from fuzz.limits import HangError, bounded
 from fuzz.mutate import BINARY, TEXT, inputs
 
-from granpipe.case import read_case
+from granpipe.case.schema import read_case
 from granpipe.dem.dump import first_step, is_complete, read_dump
 from granpipe.dem.wall_contacts import read_wall_contacts
 from granpipe.errors import CaseError, DataError, GranpipeError
-from granpipe.plan import make_plan
+from granpipe.planning.plan import make_plan
 
 SEED = 20261122
 CASES = Path(__file__).parents[2] / "cases"

@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 from fakes.runs import all_gone, assert_statistically_equal, chain, run, running_below, segments, start, wait_for
 
-from granpipe.case import read_case
+from granpipe.case.schema import read_case
 from granpipe.dem.deck import DUMP_COLUMNS
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.run import Liggghts, Limits
 from granpipe.errors import RunError
-from granpipe.plan import make_plan
+from granpipe.planning.plan import make_plan
 
 pytestmark = pytest.mark.liggghts
 

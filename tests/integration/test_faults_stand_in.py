@@ -22,7 +22,7 @@ import pytest
 from fakes.liggghts import install
 from fakes.runs import all_gone, chain, run, running_below, segments, start, wait_for
 
-from granpipe.case import read_case
+from granpipe.case.schema import read_case
 from granpipe.dem import run as run_module
 from granpipe.errors import GranpipeError
 from granpipe.field import Field
@@ -335,7 +335,7 @@ def test_a_disk_without_a_byte_left_is_one_message(
     tiny: Path, results: Path, unbroken: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The reserve that is kept free is taken away here, so that writing itself fails."""
-    monkeypatch.setattr("granpipe.store.RESERVE", -(10**12))
+    monkeypatch.setattr("granpipe.system.store.RESERVE", -(10**12))
     with mounted(tmp_path / "disk", "size=100m") as disk:
         shutil.copytree(results / ".store", disk / "results" / ".store")
         used = shutil.disk_usage(disk).used

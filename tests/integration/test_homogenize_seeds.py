@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from granpipe.case import read_case
+from granpipe.case.schema import read_case
 from granpipe.field import Field
-from granpipe.pipeline import run_case
 from granpipe.progress import Silent
+from granpipe.run.pipeline import run_case
 
 pytestmark = [pytest.mark.liggghts, pytest.mark.slow]
 

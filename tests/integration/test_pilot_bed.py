@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case import load_case
+from granpipe.case.schema import load_case
 from granpipe.dem import contact
-from granpipe.pilot import overlap, piloted
-from granpipe.plan import make_plan
+from granpipe.planning.plan import make_plan
 from granpipe.progress import Silent
-from granpipe.simulate import settle
-from granpipe.store import Store
-from granpipe.tools import library_versions, program_versions
+from granpipe.run.dem_stages import settle
+from granpipe.run.stiffness import overlap, piloted
+from granpipe.system.store import Store
+from granpipe.system.versions import library_versions, program_versions
 
 pytestmark = pytest.mark.liggghts
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granpipe.case import read_case
+from granpipe.case.schema import read_case
 from granpipe.field import Field
-from granpipe.pipeline import run_case
 from granpipe.progress import Silent
+from granpipe.run.pipeline import run_case
 
 pytestmark = pytest.mark.liggghts
 

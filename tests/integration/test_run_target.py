@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granpipe.case import read_case
+from granpipe.case.schema import read_case
 from granpipe.field import Field
 from granpipe.homogenize.average import Sums
-from granpipe.pipeline import Outcome, run_case
 from granpipe.progress import Silent
+from granpipe.run.pipeline import Outcome, run_case
 
 pytestmark = pytest.mark.liggghts
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from stability.rows import rows, subset
+from stability.suite import run_suite, write_page
 
-from granpipe.cores import usable_cores
 from granpipe.progress import Silent
-from granpipe.stability.rows import rows, subset
-from granpipe.stability.suite import run_suite, write_page
+from granpipe.system.cores import usable_cores
 
 pytestmark = pytest.mark.liggghts
 

@@ -9,7 +9,7 @@ import signal
 import time
 from pathlib import Path
 
-from granpipe.store import Store
+from granpipe.system.store import Store
 
 RACES = 1000
 PROCESSES = 6

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granpipe.case import read_case
+from granpipe.case.schema import read_case
 from granpipe.field import Field, level_flow
-from granpipe.pipeline import run_case
-from granpipe.plan import Plan, make_plan
+from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Silent
+from granpipe.run.pipeline import run_case
 
 CASES = Path(__file__).parents[2] / "cases"
 PINS = Path(__file__).with_name("pins.json")

@@ -175,7 +175,7 @@ def test_help_loads_none_of_the_slow_libraries() -> None:
         "from granpipe.fluid.stokes import solve",
         "def f():\n    import granpipe.geometry.walls",
         "from ..export.vtk import write",
-        "from granpipe import plan",
+        "from granpipe.planning import plan",
     ],
 )
 def test_an_import_across_rooms_is_seen(code: str, dem_source: Path) -> None:

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granpipe.case import load_case, read_case, resolve
+from granpipe.case.schema import load_case, read_case, resolve
+from granpipe.case.yamlfile import Places, parse_yaml
 from granpipe.errors import CaseError, GranpipeError
-from granpipe.yamlfile import Places, parse_yaml
 
 MINIMAL = """\
 name: small

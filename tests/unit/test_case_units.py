@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granpipe import units
-from granpipe.units import (
+from granpipe.case.schema import units
+from granpipe.case.units import (
     ANGLE,
     DENSITY,
     LENGTH,
@@ -143,8 +143,8 @@ def test_flow_without_a_flow_unit_is_refused(value):
 
 def test_case_with_everyday_units_is_read_without_pint():
     code = (
-        "import sys; from granpipe.units import in_si, LENGTH, flow_in_si;"
-        "import granpipe.case; in_si('3 cm', LENGTH); flow_in_si('1 m^3/h'); sys.exit('pint' in sys.modules)"
+        "import sys; from granpipe.case.units import in_si, LENGTH, flow_in_si;"
+        "import granpipe.case.schema; in_si('3 cm', LENGTH); flow_in_si('1 m^3/h'); sys.exit('pint' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granpipe.case import read_case
+from granpipe.case.schema import read_case
 from granpipe.errors import CaseError
 
 CASES = sorted((Path(__file__).parents[2] / "cases").glob("*.yaml"))

@@ -7,8 +7,8 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from granpipe.case.yamlfile import MAX_BYTES, dump_yaml, parse_yaml, read_yaml
 from granpipe.errors import CaseError
-from granpipe.yamlfile import MAX_BYTES, dump_yaml, parse_yaml, read_yaml
 
 
 def refused(text, says):

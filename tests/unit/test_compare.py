@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from granpipe.compare import Difference, compare
+from granpipe.analysis.compare import Difference, compare
 from granpipe.errors import DataError
 from granpipe.field import Field, Grid, flux_from_psi
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case import Case, load_case
+from granpipe.case.schema import Case, load_case
 from granpipe.dem.deck import Deck, make_deck, render
 from granpipe.errors import CaseError
 from granpipe.geometry.outline import Outline
-from granpipe.plan import make_plan
+from granpipe.planning.plan import make_plan
 
 
 def deck_of(case: Case) -> Deck:

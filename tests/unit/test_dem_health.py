@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granpipe.case import load_case
+from granpipe.case.schema import load_case
 from granpipe.dem.dump import OWN_COLUMNS, Snapshot
 from granpipe.dem.health import FillingHealth, FlowHealth
 from granpipe.dem.run import Status
 from granpipe.errors import RunError
-from granpipe.plan import make_plan
-from granpipe.surroundings import surroundings
+from granpipe.planning.plan import make_plan
+from granpipe.run.health_limits import surroundings
 
 RADIUS = 0.01
 MASS = 4 / 3 * math.pi * RADIUS**3 * 2000

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from granpipe import doctor
-from granpipe.doctor import check, require
 from granpipe.errors import RunError
+from granpipe.system import doctor
+from granpipe.system.doctor import check, require
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from fakes.synthetic import PACKING, SCALE, field_of, hopper, pipe
 
-from granpipe.case import load_case
+from granpipe.case.schema import load_case
 from granpipe.errors import CaseError
 from granpipe.export.tables import write_tables
 from granpipe.export.vtk import write_vtu
-from granpipe.extra_fields import Summed, particle_velocity, with_derived
-from granpipe.plan import make_plan
-from granpipe.submodel import sub_case
+from granpipe.planning.plan import make_plan
+from granpipe.planning.submodel import sub_case
+from granpipe.run.extra_fields import Summed, particle_velocity, with_derived
 
 ROOT = Path(__file__).parents[2]
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from granpipe.interrupts import uninterrupted
+from granpipe.system.interrupts import uninterrupted
 
 
 def interrupt(*_: object) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.calibrate import calibration_case
-from granpipe.case import load_case
-from granpipe.machine import Rates, forecast, keep_rates, known_rates, machine
-from granpipe.plan import assumed_rate, make_plan
+from granpipe.case.schema import load_case
+from granpipe.planning.plan import assumed_rate, make_plan
+from granpipe.run.calibrate import calibration_case
+from granpipe.system.rates import Rates, forecast, keep_rates, known_rates, machine
 
 CASES = Path(__file__).parents[2] / "cases"
 

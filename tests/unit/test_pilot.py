@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from granpipe import pilot
-from granpipe.case import load_case
+from granpipe.case.schema import load_case
 from granpipe.dem import contact
-from granpipe.plan import Plan, make_plan
+from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Silent
-from granpipe.store import Store
+from granpipe.run import stiffness as pilot
+from granpipe.system.store import Store
 
 Overlaps = Callable[[float], tuple[float, float]]
 

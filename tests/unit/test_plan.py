@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case import load_case
+from granpipe.case.schema import load_case
 from granpipe.errors import CaseError
-from granpipe.plan import Plan, make_plan
+from granpipe.planning.plan import Plan, make_plan
 
 CASES = Path(__file__).parents[2] / "cases"
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from granpipe.chain import Precision, Together
 from granpipe.field import Grid
 from granpipe.homogenize.average import Sums
-from granpipe.quality import error_gates, missing_time
+from granpipe.run.gates import error_gates, missing_time
+from granpipe.run.production import Precision, Together
 
 SECTIONS = {"whole": 0.04, "a": 0.03, "b": 0.06}
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from fakes.analytic_flow import COLUMNS, ConvergingFlow, binary_snapshot, snapshots, table, text_snapshot, write_dumps
 
-from granpipe.case import Case, Outline, Section, load_case
+from granpipe.case.schema import Case, Outline, Section, load_case
 from granpipe.errors import DataError
 from granpipe.field import level_flow
-from granpipe.raw import Request, homogenize_files
-from granpipe.raw_grid import Frame
+from granpipe.run.dump_grid import Frame
+from granpipe.run.dumps import Request, homogenize_files
 
 FLOW = ConvergingFlow(solids_flow=0.01, packing=0.58)
 RADII = np.full(1, 0.02)

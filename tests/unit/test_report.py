@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from granpipe.errors import DataError
-from granpipe.report import Section, markdown, write_page, write_run_report
+from granpipe.export.report import Section, markdown, write_page, write_run_report
 
 PICTURE = b"\x89PNG not really"
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granpipe.case import Case, read_case
+from granpipe.case.schema import Case, read_case
 from granpipe.errors import RunError
 from granpipe.field import Field, Grid, flux_from_psi
-from granpipe.scale import scale_results
+from granpipe.run.scale import scale_results
 
 HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
 

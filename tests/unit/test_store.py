@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from granpipe import store as store_module
 from granpipe.errors import RunError
-from granpipe.store import Store, key_of, publishing
+from granpipe.system import store as store_module
+from granpipe.system.store import Store, key_of, publishing
 
 
 def test_a_stage_is_worked_once_and_found_afterwards(tmp_path: Path) -> None:

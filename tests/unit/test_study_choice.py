@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case import CaseFile, load_case, read_case
+from granpipe.case.schema import CaseFile, load_case, read_case
 from granpipe.errors import CaseError, DataError
-from granpipe.plan import make_plan
+from granpipe.planning.plan import make_plan
 from granpipe.study import choice as study_choice
 from granpipe.study.budget import Option, Part
 from granpipe.study.choice import carried_over, choose, shipped

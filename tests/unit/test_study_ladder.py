@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case import load_case
+from granpipe.case.schema import load_case
 from granpipe.errors import CaseError
-from granpipe.plan import make_plan
+from granpipe.planning.plan import make_plan
 from granpipe.study.ladder import BASE, BEST, CHEAP, Basis, Rung, affordable, ladder, read_axes
 from granpipe.study.points import COARSEST, make_study
 from granpipe.sweep.variants import Variant

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from granpipe.analysis.surfaces import bulk_edge, crossings, displacement, stagnant_area, void_area
 from granpipe.errors import DataError
 from granpipe.field import Field, Grid
-from granpipe.study.measures import bulk_edge, crossings, displacement, stagnant_area, void_area
 
 GRID = Grid.covering(1.0, 0.0, 2.0, 0.02)
 R, Z = np.meshgrid(GRID.r_centres, GRID.z_centres)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granpipe.pool import Task, run_together
+from granpipe.system.pool import Task, run_together
 
 
 class Machine:
@@ -114,7 +114,7 @@ def test_tasks_are_read_as_they_are_needed():
 
 def test_the_pool_pauses_once_per_round(monkeypatch):
     pauses = itertools.count()
-    monkeypatch.setattr("granpipe.pool.time.sleep", lambda seconds: next(pauses) if seconds else None)
+    monkeypatch.setattr("granpipe.system.pool.time.sleep", lambda seconds: next(pauses) if seconds else None)
     machine = Machine()
     run_together([machine.task(n, rounds=5) for n in range(3)], 3, poll=0.2)
     assert next(pauses) == 5

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granpipe.case import load_case
+from granpipe.case.schema import load_case
 from granpipe.errors import DataError
 from granpipe.field import Field, flux_from_psi
-from granpipe.plan import make_plan
+from granpipe.planning.plan import make_plan
 from granpipe.study.budget import advise
 from granpipe.study.findings import Findings, Point, Study
 from granpipe.study.fluid import Solve, fluid_findings

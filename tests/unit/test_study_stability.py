@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from stability.rows import Judged, Row, Truth, flow_truth, rest_truth, rows, subset
+from stability.suite import changes_of, scene
 
 from granpipe.errors import CaseError
-from granpipe.plan import make_plan
-from granpipe.stability.rows import Judged, Row, Truth, flow_truth, rest_truth, rows, subset
-from granpipe.stability.suite import changes_of, scene
+from granpipe.planning.plan import make_plan
 
 RADIUS = 0.01
 SPAN = (-0.05, 0.05)

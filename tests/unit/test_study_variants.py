@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from granpipe.case.values import Name
 from granpipe.sweep.variants import crossed, name_of, spaced
-from granpipe.values import Name
 
 SAFE = re.compile(Name.pattern)
 KEYS = st.sampled_from(["dem.seed", "contact.friction", "contact.wall.friction", "outline.wall", "fluid.annulus"])

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case import Case, load_case
+from granpipe.case.schema import Case, load_case
 from granpipe.geometry.outline import Outline
-from granpipe.plan import make_plan
-from granpipe.submodel import Span, spans, sub_case
+from granpipe.planning.plan import make_plan
+from granpipe.planning.submodel import Span, spans, sub_case
 
 REACTOR = Path(__file__).parents[2] / "cases" / "reactor.yaml"
 

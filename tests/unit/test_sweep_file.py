@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from granpipe.case.yamlfile import parse_value
 from granpipe.errors import CaseError
 from granpipe.sweep.file import read_profile, read_sweep, sweep_name, value_text
-from granpipe.yamlfile import parse_value
 
 SWEEP = """\
 name: friction

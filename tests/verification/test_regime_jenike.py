@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from granpipe.regime import hopper_regime, mass_flow_limit
+from granpipe.planning.jenike import hopper_regime, mass_flow_limit
 
 
 def degrees(internal: float, wall: float) -> float:

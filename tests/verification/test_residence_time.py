@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from fakes.synthetic import FLOW, PACKING, SCALE, field_of, hopper, pipe, ring_vessel
 
+from granpipe.analysis.residence_time import residence_time
 from granpipe.errors import DataError
-from granpipe.residence import residence_time
 
 RATE = FLOW * SCALE  # bulk flow at the flow rate of the case [m³/s]
 

@@ -10,11 +10,11 @@ from fakes.analytic_flow import ConvergingFlow
 from fakes.comsol_text import read_sections
 from fakes.vessel_mesh import mesh_below
 
+from granpipe.analysis.heat import HeatProblem, Stream, Temperature, Velocity, false_source, solve_heat
 from granpipe.errors import DataError
 from granpipe.export.comsol import write_comsol
 from granpipe.field import Field, Grid, flux_from_psi
 from granpipe.homogenize.conserve import scale_rows
-from granpipe.study.heat import HeatProblem, Stream, Temperature, Velocity, false_source, solve_heat
 
 RADIUS, HEIGHT = 0.5, 1.0
 NUSSELT = 3.6568  # of the fully developed laminar flow in a tube with a wall of one temperature (Graetz)

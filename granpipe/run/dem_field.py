@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from granpipe.case import Case
-from granpipe.chain import Precision
+from granpipe.case.schema import Case
 from granpipe.errors import DataError
-from granpipe.extra_fields import Summed
 from granpipe.field import Array, Field, Grid, cell_squares, level_flow, section_rows
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import paper_field
@@ -27,9 +25,10 @@ from granpipe.homogenize.statistics import (
     trend,
     turnovers,
 )
-from granpipe.jsonfile import read_json
-from granpipe.plan import Plan
-from granpipe.quality import (
+from granpipe.planning.plan import Plan
+from granpipe.run.dem_stages import Production
+from granpipe.run.extra_fields import Summed
+from granpipe.run.gates import (
     Gate,
     breach_gate,
     error_gates,
@@ -39,8 +38,9 @@ from granpipe.quality import (
     packing_gate,
     size_gate,
 )
-from granpipe.results import Made
-from granpipe.simulate import Production
+from granpipe.run.production import Precision
+from granpipe.run.results import Made
+from granpipe.system.jsonfile import read_json
 
 Levels = Mapping[str, tuple[float, float]]
 

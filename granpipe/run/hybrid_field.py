@@ -11,18 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from granpipe.dem_field import Judge, dem_field, target_flow
 from granpipe.errors import CaseError
 from granpipe.field import Array, Field, Grid, Mask, cell_squares, flux_from_psi
 from granpipe.fluid.fictitious import FluidSolution, solve_fluid, to_field
 from granpipe.fluid.forcing import KnownFlow
-from granpipe.fluid_field import section_mesh, wall_law
-from granpipe.plan import Plan
+from granpipe.planning.plan import Plan
+from granpipe.planning.submodel import Span
 from granpipe.progress import Progress
-from granpipe.results import Made
-from granpipe.simulate import simulate
-from granpipe.store import Store
-from granpipe.submodel import Span
+from granpipe.run.dem_field import Judge, dem_field, target_flow
+from granpipe.run.dem_stages import simulate
+from granpipe.run.fluid_field import section_mesh, wall_law
+from granpipe.run.results import Made
+from granpipe.system.store import Store
 
 BAND_CELLS = 2
 """Largest triangle where the fluid follows a known flow, in cells of its grid: larger ones cannot follow its detail."""

@@ -10,8 +10,8 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from granpipe.case import Case
-from granpipe.values import Group, Kind, Short
+from granpipe.case.schema import Case
+from granpipe.case.values import Group, Kind, Short
 
 _INTRODUCTION = """\
 # The case file

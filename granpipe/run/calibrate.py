@@ -5,17 +5,17 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from granpipe.case import Case, resolve
-from granpipe.chain import Precision
-from granpipe.cores import usable_cores
-from granpipe.jsonfile import read_json
-from granpipe.machine import Rates, keep_rates
-from granpipe.plan import make_plan
+from granpipe.case.schema import Case, resolve
+from granpipe.case.yamlfile import Places
+from granpipe.planning.plan import make_plan
 from granpipe.progress import Progress
-from granpipe.simulate import simulate
-from granpipe.store import Store
-from granpipe.tools import library_versions, program_versions
-from granpipe.yamlfile import Places
+from granpipe.run.dem_stages import simulate
+from granpipe.run.production import Precision
+from granpipe.system.cores import usable_cores
+from granpipe.system.jsonfile import read_json
+from granpipe.system.rates import Rates, keep_rates
+from granpipe.system.store import Store
+from granpipe.system.versions import library_versions, program_versions
 
 _COLUMN = {
     # a straight column of some thousand spheres on a plate: about 1e7 particle-steps

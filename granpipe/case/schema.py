@@ -12,9 +12,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from granpipe.explain import case_error
-from granpipe.overrides import override
-from granpipe.units import (
+from granpipe.case.messages import case_error
+from granpipe.case.overrides import override
+from granpipe.case.units import (
     ANGLE,
     DENSITY,
     LENGTH,
@@ -28,7 +28,7 @@ from granpipe.units import (
     tidy,
     unit_in_si,
 )
-from granpipe.values import (
+from granpipe.case.values import (
     Choice,
     Choices,
     File,
@@ -44,7 +44,7 @@ from granpipe.values import (
     Word,
     refuse,
 )
-from granpipe.yamlfile import Places, dump_yaml, read_yaml
+from granpipe.case.yamlfile import Places, dump_yaml, read_yaml
 
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]

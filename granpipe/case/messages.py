@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from granpipe.case.yamlfile import Places, shorten
 from granpipe.errors import CaseError, KeyPath
-from granpipe.yamlfile import Places, shorten
 
 _SILENT = {"default_factory_not_called"}  # follows from another error
 _WORDS = {"dict_type": "must be a group of named values", "missing": "missing"}

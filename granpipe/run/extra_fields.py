@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from granpipe.analysis.residence_time import residence_time
 from granpipe.dem.sizes import SizeClasses as Classes
 from granpipe.dem.wall_contacts import read_wall_contacts
 from granpipe.field import Array, Field, cell_vectors
@@ -25,8 +26,7 @@ from granpipe.homogenize.extras import (
     wall_pressure_arrays,
     wall_slip_arrays,
 )
-from granpipe.plan import Plan
-from granpipe.residence import residence_time
+from granpipe.planning.plan import Plan
 
 PIECES_PER_DIAMETER = 1
 """Pieces of walls per Sauter diameter: particles touch a wall about this far apart."""

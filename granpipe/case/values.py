@@ -16,8 +16,8 @@ from typing import Any, ClassVar, Literal, NoReturn, get_args
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
+from granpipe.case.units import ANGLE, NUMBER, Dimension, UnitError, accepted, flow_in_si, in_si
 from granpipe.errors import KeyPath
-from granpipe.units import ANGLE, NUMBER, Dimension, UnitError, accepted, flow_in_si, in_si
 
 MAX_INTEGER = 2**31 - 1
 MAX_POINTS = 10_000  # of one wall or obstacle

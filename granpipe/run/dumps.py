@@ -12,20 +12,20 @@ from pathlib import Path
 
 import numpy as np
 
-from granpipe.case import Case
+from granpipe.case.schema import Case
 from granpipe.dem.dump import Snapshot, read_dumps
 from granpipe.dem.sizes import size_classes
-from granpipe.dem_field import conserved_field
 from granpipe.errors import DataError
-from granpipe.extra_fields import Summed, with_derived
 from granpipe.field import Box, Field, Grid, level_flow
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard_errors
 from granpipe.homogenize.average import Collector, Extra, Sums, merge
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.raw_grid import Frame, grid_round
-from granpipe.store import publishing
+from granpipe.run.dem_field import conserved_field
+from granpipe.run.dump_grid import Frame, grid_round
+from granpipe.run.extra_fields import Summed, with_derived
+from granpipe.system.store import publishing
 
 _SEGMENTS = 20
 _MOST_THROUGH_SIDES = 0.01  # of the flow
@@ -228,7 +228,7 @@ def write_plane(field: Field, case: Case | None, folder: Path) -> None:
     from granpipe.export.nodes import nodal_values
     from granpipe.export.tables import write_tables
     from granpipe.export.vtk import write_vtu
-    from granpipe.results import write_comsol_folder
+    from granpipe.run.results import write_comsol_folder
 
     write_vtu(field, folder / "field.vtu")
     write_tables(field, folder)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from granpipe.case.yamlfile import Places, parse_value
 from granpipe.errors import CaseError
-from granpipe.yamlfile import Places, parse_value
 
 SOURCE = "--set"
 

@@ -8,14 +8,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from granpipe.case import CaseFile
+from granpipe.case.schema import CaseFile
 from granpipe.errors import CaseError
-from granpipe.plan import Model, Plan, make_plan
+from granpipe.planning.plan import Model, Plan, make_plan
 from granpipe.progress import Progress
-from granpipe.quality import Gate
-from granpipe.results import Made, check_folder, is_current, results_key, write_results
-from granpipe.store import Store, digest
-from granpipe.tools import library_versions, program_versions
+from granpipe.run.gates import Gate
+from granpipe.run.results import Made, check_folder, is_current, results_key, write_results
+from granpipe.system.store import Store, digest
+from granpipe.system.versions import library_versions, program_versions
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
 
 def _with_derived(made: Made, wanted: Sequence[str]) -> Made:
     """The field with what else the case asks for and the field alone can tell."""
-    from granpipe.extra_fields import with_derived
+    from granpipe.run.extra_fields import with_derived
 
     field, figures = with_derived(made.field, wanted)
     return replace(made, field=field, figures=made.figures | figures)
@@ -85,14 +85,14 @@ def _digest(file: CaseFile, known: str) -> str:
 
 
 def _piloted(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Plan:
-    from granpipe.pilot import piloted
+    from granpipe.run.stiffness import piloted
 
     return piloted(plan, store, tools, progress)
 
 
 def _dem(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
-    from granpipe.dem_field import Judge, dem_field
-    from granpipe.simulate import simulate
+    from granpipe.run.dem_field import Judge, dem_field
+    from granpipe.run.dem_stages import simulate
 
     productions = simulate(plan, store, tools, progress, Judge(plan))
     progress.stage("field")
@@ -100,21 +100,21 @@ def _dem(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) ->
 
 
 def _fluid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
-    from granpipe.fluid_field import fluid_field
+    from granpipe.run.fluid_field import fluid_field
 
     progress.stage("fluid")
     return fluid_field(plan)
 
 
 def _hybrid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
-    from granpipe.hybrid_field import hybrid_field
+    from granpipe.run.hybrid_field import hybrid_field
 
     return hybrid_field(plan, store, tools, progress)
 
 
 def _require_programs(plan: Plan) -> None:
     """Refuse before the long work what would fail after it: without EGL or a display VTK ends the whole process."""
-    from granpipe.doctor import require
+    from granpipe.system.doctor import require
 
     needed = ["gmsh library"]
     if any(run.dem.ranks > 1 for run in plan.runs):

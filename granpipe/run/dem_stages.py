@@ -13,21 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from granpipe.chain import Chain, Judge, Together, copy_walls, limits_of, load_sums, write_hashes
-from granpipe.cores import usable_cores
 from granpipe.dem.deck import DUMP_COLUMNS, Deck, make_deck, render
 from granpipe.dem.dump import Snapshot, read_snapshot
 from granpipe.dem.health import FillingHealth
 from granpipe.dem.overlap import measure_overlap
 from granpipe.dem.run import Liggghts, Status
-from granpipe.extra_fields import Summed
 from granpipe.geometry.walls import build_walls
 from granpipe.homogenize.average import Sums
-from granpipe.jsonfile import read_json, write_json
-from granpipe.plan import Plan
-from granpipe.pool import Task, run_together
+from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
-from granpipe.store import Store, digest, evidence_kept, key_of
+from granpipe.run.extra_fields import Summed
+from granpipe.run.production import Chain, Judge, Together, copy_walls, limits_of, load_sums, write_hashes
+from granpipe.system.cores import usable_cores
+from granpipe.system.jsonfile import read_json, write_json
+from granpipe.system.pool import Task, run_together
+from granpipe.system.store import Store, digest, evidence_kept, key_of
 
 REPOSE = np.radians(30)
 """Angle of repose that limits where filling can reach; only the first bed depends on it."""

@@ -10,7 +10,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from granpipe.plan import RANK_GAIN, Plan, assumed_rate
+from granpipe.planning.plan import RANK_GAIN, Plan, assumed_rate
 
 _FILE = "rates.json"
 

@@ -7,16 +7,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from granpipe.case import Case
-from granpipe.cores import usable_cores
+from granpipe.case.schema import Case
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Choice, Settings, Vessel, choose
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError, MeshError
 from granpipe.field import Grid
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
-from granpipe.regime import hopper_regime
-from granpipe.submodel import Span, spans, sub_case
+from granpipe.planning.jenike import hopper_regime
+from granpipe.planning.submodel import Span, spans, sub_case
+from granpipe.system.cores import usable_cores
 
 Model = Literal["dem", "fluid", "hybrid"]
 

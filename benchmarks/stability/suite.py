@@ -17,8 +17,8 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from granpipe.case import Case, load_case
-from granpipe.compare import Difference, compare
+from granpipe.analysis.compare import Difference, compare
+from granpipe.case.schema import Case, load_case
 from granpipe.dem.contact import GRAVITY, effective_modulus
 from granpipe.dem.deck import render
 from granpipe.dem.dump import Snapshot, first_step, read_snapshot
@@ -26,14 +26,14 @@ from granpipe.dem.run import Liggghts
 from granpipe.dem.settings import PACKING, Settings
 from granpipe.errors import CaseError, RunError
 from granpipe.field import Field, Grid
-from granpipe.plan import Plan, make_plan
-from granpipe.pool import Task, run_together
+from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Progress, Silent
-from granpipe.simulate import compose_deck, make_walls
-from granpipe.stability.page import Similar, draw_map, page
-from granpipe.stability.rows import Judged, Row, Truth, Verdict, flow_truth, rest_truth
-from granpipe.store import Store, publishing
-from granpipe.tools import library_versions, program_versions
+from granpipe.run.dem_stages import compose_deck, make_walls
+from granpipe.system.pool import Task, run_together
+from granpipe.system.store import Store, publishing
+from granpipe.system.versions import library_versions, program_versions
+from stability.page import Similar, draw_map, page
+from stability.rows import Judged, Row, Truth, Verdict, flow_truth, rest_truth
 
 PATIENCE = 900.0
 """Time that a granpipe run of a row may take [s]."""

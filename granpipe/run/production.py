@@ -21,13 +21,13 @@ from granpipe.dem.health import FlowHealth
 from granpipe.dem.run import Liggghts, Limits, Status
 from granpipe.dem.settings import RATE
 from granpipe.errors import DataError
-from granpipe.extra_fields import Summed
 from granpipe.homogenize.average import Collector, Sums
-from granpipe.jsonfile import read_json, write_json
-from granpipe.plan import Plan
+from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
-from granpipe.store import check_space, digest, evidence_kept, publishing, sweep
-from granpipe.surroundings import surroundings
+from granpipe.run.extra_fields import Summed
+from granpipe.run.health_limits import surroundings
+from granpipe.system.jsonfile import read_json, write_json
+from granpipe.system.store import check_space, digest, evidence_kept, publishing, sweep
 
 _LASTING = ("sums.npz", "segment.json")
 _TO_RESUME = ("restart", "snapshot.bin")

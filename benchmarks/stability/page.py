@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from granpipe.stability.rows import Judged, rows
+from stability.rows import Judged, rows
 
 _MARKERS = {"done": "o", "flagged": "s", "stopped": "X", "refused": "D"}
 _STABLE, _UNSTABLE, _UNSEEN = "#2b8a3e", "#c92a2a", "#868e96"

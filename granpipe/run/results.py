@@ -13,19 +13,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granpipe import __version__
-from granpipe.case import Case
+from granpipe.case.schema import Case
 from granpipe.errors import RunError
+from granpipe.export.report import write_run_report
 from granpipe.field import Field
-from granpipe.jsonfile import write_json
-from granpipe.machine import forecast, known_rates
-from granpipe.plan import Plan
-from granpipe.quality import Gate
-from granpipe.report import write_run_report
-from granpipe.store import key_of, publishing
+from granpipe.planning.plan import Plan
+from granpipe.run.gates import Gate
+from granpipe.system.jsonfile import write_json
+from granpipe.system.rates import forecast, known_rates
+from granpipe.system.store import key_of, publishing
 
 if TYPE_CHECKING:
     from granpipe.fluid.fictitious import FluidSolution
-    from granpipe.simulate import Production
+    from granpipe.run.dem_stages import Production
 
 _VERSION = 1
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from granpipe.case import Case
-from granpipe.dem_field import target_flow
+from granpipe.case.schema import Case
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid.wall_speed import WallLaw
 from granpipe.geometry.section import mesh_section
-from granpipe.plan import Plan
-from granpipe.results import Made
+from granpipe.planning.plan import Plan
+from granpipe.run.dem_field import target_flow
+from granpipe.run.results import Made
 from granpipe.rzmesh import RZMesh
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.errors import DataError
-from granpipe.jsonfile import read_json
+from granpipe.system.jsonfile import read_json
 
 
 @dataclass(frozen=True)

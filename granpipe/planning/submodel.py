@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from granpipe.case import Case, Outline, Point, Polygon, Section
+from granpipe.case.schema import Case, Outline, Point, Polygon, Section
 from granpipe.errors import CaseError
 
 Side = Literal["above", "below"]

@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from granpipe.dem import contact
-from granpipe.jsonfile import read_json
-from granpipe.plan import Plan, choices_of, make_plan
+from granpipe.planning.plan import Plan, choices_of, make_plan
 from granpipe.progress import Progress
-from granpipe.simulate import settle
-from granpipe.store import Store
+from granpipe.run.dem_stages import settle
+from granpipe.system.jsonfile import read_json
+from granpipe.system.store import Store
 
 CHOICES_AGAIN = 2
 """How often the modulus is chosen again, at most."""

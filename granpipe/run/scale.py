@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from granpipe.case import Case
+from granpipe.case.schema import Case
 from granpipe.dem.settings import BEVERLOO_SHARE, free_flow
 from granpipe.dem.sizes import size_classes
-from granpipe.dem_field import target_flow
 from granpipe.errors import RunError
 from granpipe.field import Field
 from granpipe.geometry.outline import Outline
-from granpipe.results import write_exports
-from granpipe.store import publishing
+from granpipe.run.dem_field import target_flow
+from granpipe.run.results import write_exports
+from granpipe.system.store import publishing
 
 
 def scale_results(source: Path, case: Case, target: Path) -> str:
