@@ -78,7 +78,7 @@ fuzz: setup
 	$(VENV)/bin/python -m pytest tests/fuzz --inputs 100000
 
 stability: setup
-	$(VENV)/bin/granpipe stability --out docs
+	PYTHONPATH=benchmarks $(VENV)/bin/python -m stability --out docs
 
 benchmarks: setup
 	$(VENV)/bin/python benchmarks/run.py

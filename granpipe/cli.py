@@ -5,22 +5,19 @@ from __future__ import annotations
 import errno
 import signal
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import click
 
 from granpipe import __version__
+from granpipe.console import Console
 from granpipe.errors import GranpipeError
 
 if TYPE_CHECKING:
-    from granpipe.case.schema import Case, CaseFile
-    from granpipe.errors import CaseError
-    from granpipe.planning.plan import Model, Plan
+    from granpipe.case.schema import CaseFile
     from granpipe.study.choice import Chosen
     from granpipe.sweep.folder import Folder
-    from granpipe.system.rates import Rates
 
 INTERRUPTED = 130
 QUALITY_FAILED = 4
@@ -82,7 +79,7 @@ def run(case: Path, overrides: tuple[str, ...], results: Path, total_error: str 
         chosen = _chosen(file, results, total_error)
         file = chosen.file
         click.echo(chosen.expected)
-    with _Console() as console:
+    with Console() as console:
         outcome = run_case(file, results, console)
     if not outcome.made:
         click.echo(f"nothing to do: {outcome.folder} is up to date")
@@ -101,12 +98,14 @@ def run(case: Path, overrides: tuple[str, ...], results: Path, total_error: str 
 @_SET
 def plan(case: Path, overrides: tuple[str, ...]) -> None:
     """Show what a run of CASE would do, leave out and cost."""
-    from granpipe.planning.plan import variants
+    from granpipe.planning.plan import model_plans
+    from granpipe.planning.text import plan_text
     from granpipe.run.pipeline import plan_case
+    from granpipe.system.cores import usable_cores
     from granpipe.system.rates import known_rates
 
-    file = _read(case, overrides)
-    click.echo(_plan_text(plan_case(file), variants(file.case), known_rates()))
+    file, cores = _read(case, overrides), usable_cores()
+    click.echo(plan_text(plan_case(file, cores), model_plans(file.case, cores), known_rates()))
 
 
 @main.command()
@@ -117,7 +116,7 @@ def calibrate() -> None:
     from granpipe.system.rates import machine
 
     require("gmsh library")
-    with _Console() as console:
+    with Console() as console:
         rates = measure(console)
     for ranks, rate in rates.by_ranks.items():
         click.echo(f"{ranks} rank{'s' if ranks > 1 else ''}: {rate:.3g} particle-steps per second")
@@ -130,8 +129,9 @@ def calibrate() -> None:
 def check(case: Path, overrides: tuple[str, ...]) -> None:
     """Check CASE without running it."""
     from granpipe.run.pipeline import plan_case
+    from granpipe.system.cores import usable_cores
 
-    made = plan_case(_read(case, overrides))
+    made = plan_case(_read(case, overrides), usable_cores())
     for warning in (*made.warnings, *made.breaches):
         click.echo(f"note: {warning}")
     click.echo(f"{case}: good")
@@ -212,39 +212,6 @@ def compare(one: Path, other: Path, tolerance: str) -> None:
     for d in found:
         numbers = f"{d.observed:>12.2%}{d.noise:>10.2%}{d.noise_free:>12.2%}{d.upper:>12.2%}"
         click.echo(f"{d.name:<12}{numbers}  {d.verdict(limit)}")
-
-
-@main.command()
-@_RESULTS
-@click.option("--done", is_flag=True, help="Run nothing; write the table of the rows that are done.")
-@click.option(
-    "--quick", is_flag=True, help="A few rows only: the automatic settings, a breach of each kind, a refusal."
-)
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder for stability.md and its map; default: with the rows."
-)
-def stability(results: Path, quick: bool, done: bool, out: Path | None) -> None:
-    """Run the stability suite: is what granpipe says of extreme settings true?
-
-    Rows that are done are not repeated: delete RESULTS/stability to begin anew. All take half an hour of one core.
-    """
-    from stability.rows import rows, subset
-    from stability.suite import is_done, run_suite, write_page
-
-    from granpipe.system.cores import usable_cores
-
-    folder = results / "stability"
-    with _Console() as console:
-        wanted = [row for row in (subset(rows()) if quick else rows()) if not done or is_done(row, folder)]
-        judged = run_suite(wanted, folder, usable_cores(), console)
-    click.echo(f"table in {write_page(judged, folder, out or folder)}")
-    wrong = [one for one in judged if one.wrong]
-    for one in wrong:
-        click.echo(
-            f"{one.row.name}: {one.wrong}: granpipe {one.verdict}, {'; '.join(one.faults) or 'stable'}", err=True
-        )
-    if wrong:
-        sys.exit(QUALITY_FAILED)
 
 
 @main.command()
@@ -362,14 +329,14 @@ def sweep(
     if profile is not None:
         from granpipe.sweep.jobs import submit
 
-        with _Console() as console:
+        with Console() as console:
             submit(folder, points, profile, console)
         click.echo(f"follow it with: granpipe status {folder.root}")
         return
     from granpipe.sweep.local import run_here
     from granpipe.system.cores import usable_cores
 
-    with _Console() as console:
+    with Console() as console:
         run_here(folder, points, cores or usable_cores(), console)
     _reduce(folder)
 
@@ -406,13 +373,13 @@ def study(
     if not hours > 0:  # no number
         raise click.BadParameter(f"{hours} must be above 0", param_hint="--hours")
     cores = cores or usable_cores()
-    other = None if against is None else plan_case(_read(against, ()))
+    other = None if against is None else plan_case(_read(against, ()), cores)
     made = make_study(_read(case, overrides).case, hours, cores, read_axes(axes), known_rates())
     for rung in made.dropped:
         seconds = made.forecast[rung.variant.name]
         click.echo(f"left out: {rung.variant.name}, {seconds / 3600:.2g} h; give more --hours to have it", err=True)
     prepared = prepare_study(made, results)
-    with _Console() as console:
+    with Console() as console:
         if prepared.points and on == "slurm":
             from granpipe.sweep.file import read_profile
             from granpipe.sweep.jobs import submit
@@ -443,7 +410,7 @@ def points(folder: Path, names: tuple[str, ...], ranks: int) -> None:
     from granpipe.sweep.folder import Folder
     from granpipe.sweep.points import run_points
 
-    with _Console() as console:
+    with Console() as console:
         run_points(Folder(folder), names, ranks, console)
 
 
@@ -565,117 +532,6 @@ def _fail(message: str, status: int = 3) -> NoReturn:
 def _interrupt(*_: object) -> NoReturn:
     """SIGTERM ends a run as Ctrl-C does: every child is stopped, everything finished is kept."""
     raise KeyboardInterrupt
-
-
-class _Console:
-    """Progress on standard error: a bar on a terminal, a line now and then where nobody watches."""
-
-    _EVERY = 30.0  # s
-
-    def __init__(self) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
-
-        self._console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
-        columns = (
-            TextColumn("  {task.description}"),
-            BarColumn(30),
-            TaskProgressColumn(),
-            TextColumn("{task.fields[at]}"),
-        )
-        self._bar = Progress(*columns, console=self._console, transient=True, disable=not self._console.is_terminal)
-        self._task = self._bar.add_task("", total=1.0, at="", visible=False)
-        self._stage, self._next = "", 0.0
-
-    def __enter__(self) -> _Console:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    def stage(self, name: str, detail: str = "") -> None:
-        self._stage, self._next = name, time.monotonic() + self._EVERY
-        self._bar.update(self._task, visible=False)
-        self._console.print(f"{name}: {detail}" if detail else name)
-
-    def update(self, fraction: float, text: str) -> None:
-        self._bar.update(self._task, description=self._stage, completed=fraction, at=text, visible=True)
-        if not self._console.is_terminal and time.monotonic() >= self._next:
-            self._next = time.monotonic() + self._EVERY
-            self._console.print(f"  {self._stage} {fraction:4.0%}  {text}")
-
-    def note(self, text: str) -> None:
-        self._console.print(text)
-
-
-def _plan_text(plan: Plan, others: dict[Model, Plan | CaseError], rates: Rates | None) -> str:
-    width = max(len(stage.name) for stage in (*plan.stages, *plan.left_out))
-    lines = [f"{plan.case.name}: model {plan.model}", "", "stages"]
-    lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.stages]
-    lines += ["", "left out"]
-    lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.left_out]
-    rows, columns = plan.grid.shape
-    lines += ["", f"grid  {rows} × {columns} cells of {plan.grid.cell:.4g} m", ""]
-    for title, part in _dem_runs(plan):
-        lines += _dem_lines(title, part)
-    lines += ["the models side by side", *(_variant_line(model, other, rates) for model, other in others.items())]
-    lines += [f"  times {_source(rates)}", ""]
-    lines += [f"note: {warning}" for warning in plan.warnings]
-    lines += [f"outside the range (a run ends with status 4): {breach}" for breach in plan.breaches]
-    return "\n".join(lines)
-
-
-def _dem_runs(plan: Plan) -> list[tuple[str, Plan]]:
-    if plan.settings is not None:
-        return [("DEM run", plan)]
-    return [(f"DEM of {span.name}, z = {span.cut_bottom:g} … {span.cut_top:g} m", part) for span, part in plan.parts]
-
-
-def _dem_lines(title: str, plan: Plan) -> list[str]:
-    dem = plan.dem
-    width = max(len(choice.name) for choice in plan.choices)
-    return [
-        title,
-        *(f"  {choice.name:<{width}}  {choice.value:<12} {choice.criterion}" for choice in plan.choices),
-        f"  {dem.particles} particles in {len(dem.classes.radius)} size classes; {dem.steps} steps of "
-        f"{dem.time_step:.3g} s: {dem.duration:.4g} s in {dem.segments} segments; {dem.ranks} ranks",
-        *_length_lines(plan.case),
-        "",
-    ]
-
-
-def _length_lines(case: Case) -> list[str]:
-    lines = []
-    if case.dem.replicas > 1:
-        lines.append(
-            f"  {case.dem.replicas} replicas, seeds {case.dem.seed} to {case.dem.seed + case.dem.replicas - 1}"
-        )
-    if (target := case.dem.statistical_error) is not None:
-        lines.append(f"  ends sooner if the statistical error of every section is at most {100 * target:.3g} %")
-    return lines
-
-
-def _source(rates: Rates | None) -> str:
-    if rates is None:
-        return "as on the machine that granpipe is developed on; `granpipe calibrate` measures this one"
-    return f"by the speed of this machine, as measured on {rates.made}"
-
-
-def _variant_line(model: Model, plan: Plan | CaseError, rates: Rates | None) -> str:
-    from granpipe.system.rates import forecast
-
-    if isinstance(plan, GranpipeError):
-        return f"  {model:<7} not possible: {plan}"
-    seconds = forecast(plan, rates)
-    time_text = f"{seconds / 3600:.3g} h" if seconds >= 3600 else f"{seconds / 60:.2g} min"
-    unfit = "; does not describe every section" if model == "fluid" and plan.warnings else ""
-    runs = [part.dem for _, part in _dem_runs(plan)]
-    particles = " + ".join(str(dem.particles) for dem in runs) or "no"
-    return (
-        f"  {model:<7} {particles} particles, {plan.particle_steps:.3g} particle-steps, about {time_text}, "
-        f"{plan.disk_bytes / 1e6:.3g} MB of disk at the most{unfit}"
-    )
 
 
 if __name__ == "__main__":

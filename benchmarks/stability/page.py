@@ -122,7 +122,7 @@ def page(judged: Sequence[Judged], similar: Sequence[Similar], picture: str, dat
     lines = [
         "# Stability",
         "",
-        f"Written by `granpipe stability` on {date} with {program}.",
+        f"Written by `make stability` on {date} with {program}.",
         "",
         _HOW,
         "",

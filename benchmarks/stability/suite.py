@@ -103,7 +103,7 @@ def scene(row: Row) -> Case:
 
 
 def _scene_file(row: Row) -> Path:
-    return Path(__file__).parents[1] / "templates" / "stability" / f"{row.scene.replace(' ', '_')}.yaml"
+    return Path(__file__).parent / "scenes" / f"{row.scene.replace(' ', '_')}.yaml"
 
 
 def changes_of(row: Row, case: Case) -> dict[str, str]:

@@ -671,4 +671,4 @@ def _for_editors(schema: Any) -> Any:
 
 def starter_case() -> str:
     """Text of a small commented case to start from."""
-    return (Path(__file__).parent / "templates" / "case.yaml").read_text(encoding="utf-8")
+    return (Path(__file__).parents[1] / "templates" / "case.yaml").read_text(encoding="utf-8")

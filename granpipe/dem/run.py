@@ -14,7 +14,6 @@ import os
 import re
 import resource
 import shlex
-import shutil
 import signal
 import subprocess
 import time
@@ -23,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granpipe.errors import RunError
+from granpipe.system.programs import find_program
 
 DONE = "granpipe: done"
 """Last line of a deck of granpipe that was worked off."""
@@ -54,26 +54,6 @@ _LOST_REMEDY = "; particles have left the vessel: make dem.time_step smaller, or
 
 _INSERTED = re.compile(r"INFO: Particle insertion \w+: inserted (\d+) particle templates")
 _SEGMENT = re.compile(r"granpipe: segment (\d+)")
-
-
-def liggghts_version(timeout: float = 10) -> str:
-    """First line that LIGGGHTS prints of itself; RunError where it is missing or does not start."""
-    binary = _binary("liggghts")
-    done = subprocess.run(
-        [binary, "-in", os.devnull, "-log", "none"], capture_output=True, text=True, timeout=timeout, check=False
-    )
-    line = next((line for line in done.stdout.splitlines() if "LIGGGHTS" in line), "")
-    if not line:
-        raise RunError(f"{binary} does not start: {(done.stderr or done.stdout).strip()[:200]}")
-    return line.strip()
-
-
-def _binary(name: str) -> str:
-    path = shutil.which(name)
-    if path is None:
-        package = {"liggghts": "liggghts", "mpirun": "openmpi-bin"}.get(name, name)
-        raise RunError(f"{name} is not installed; run: apt-get install --no-install-recommends {package}")
-    return path
 
 
 def processor_grid(ranks: int) -> tuple[int, int, int]:
@@ -378,9 +358,9 @@ class _InChild:
 def _command(deck: str, ranks: int, variables: Mapping[str, int]) -> list[str]:
     grid = dict(zip(("px", "py", "pz"), processor_grid(ranks), strict=True))
     values = [word for name, value in (grid | dict(variables)).items() for word in ("-var", name, str(value))]
-    program = [_binary("stdbuf"), "-oL", _binary("liggghts"), "-in", deck, "-log", "log.liggghts", *values]
+    program = [find_program("stdbuf"), "-oL", find_program("liggghts"), "-in", deck, "-log", "log.liggghts", *values]
     if ranks == 1:
         return program
     # the planner never asks for more ranks than cores; mpirun counts whole cores and would refuse hardware threads
     placement = ["--map-by", ":OVERSUBSCRIBE", "--bind-to", "none", "--mca", "mpi_yield_when_idle", "0"]
-    return [_binary("mpirun"), "-np", str(ranks), *placement, *program]
+    return [find_program("mpirun"), "-np", str(ranks), *placement, *program]

@@ -1,6 +1,6 @@
 """The numerical settings of a DEM run: taken from the case where it gives them, chosen by a stated rule otherwise.
 
-Pure: numbers in, numbers out. The planner shows each choice with its criterion.
+Pure: numbers in, numbers out. The planner shows each decision with its criterion.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from granpipe.dem import contact
 from granpipe.dem.sizes import SizeClasses, size_classes
 from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
-from granpipe.system.cores import usable_cores
 
 PACKING = 0.58
 """Random packing of a slowly moving bed of spheres; measured 0.57–0.59 above a sinking plate."""
@@ -128,7 +127,7 @@ class Vessel:
 
 
 @dataclass(frozen=True)
-class Choice:
+class Decision:
     """One setting with the rule behind it.
 
     `breach` says what is wrong when a value of the case lies outside the stable or accurate range (such a run ends with
@@ -164,7 +163,7 @@ class Settings:
     segments: int
     ranks: int
     particles: int
-    choices: tuple[Choice, ...]
+    decisions: tuple[Decision, ...]
 
     @property
     def steps(self) -> int:
@@ -182,11 +181,11 @@ class Settings:
         return self.steps * self.time_step
 
 
-def choose(case: Case, vessel: Vessel) -> Settings:
-    """Settle every number of the DEM run; CaseError where the case asks for the impossible."""
+def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
+    """Settle every number of the DEM run for so many cores; CaseError where the case asks for the impossible."""
     classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
     _check_number(classes, vessel)
-    gap_choices = [_check_gap(opening, classes, case.dem.coarse_grain_factor) for opening in vessel.openings]
+    gap_decisions = [_check_gap(opening, classes, case.dem.coarse_grain_factor) for opening in vessel.openings]
     _check_rest(case)
     reservoir = _reservoir_height(case, vessel, classes)
     level = vessel.top + reservoir
@@ -227,15 +226,15 @@ def choose(case: Case, vessel: Vessel) -> Settings:
         dump_every=dump_every,
         segment_steps=dump_every * dumps_per_segment,
         segments=segments,
-        ranks=_ranks(case, particles),
+        ranks=_ranks(case, particles, cores),
         particles=particles,
-        choices=(
-            *gap_choices,
+        decisions=(
+            *gap_decisions,
             _size_ratio(classes),
             *_coarse_graining(case),
             youngs_choice,
             step_choice,
-            Choice("neighbour skin", f"{skin:.3g} m", f"{SKIN:g} of the mean diameter"),
+            Decision("neighbour skin", f"{skin:.3g} m", f"{SKIN:g} of the mean diameter"),
             speed_choice,
         ),
     )
@@ -255,8 +254,8 @@ def _check_number(classes: SizeClasses, vessel: Vessel) -> None:
         )
 
 
-def _check_gap(opening: Opening, classes: SizeClasses, coarse_grain_factor: float) -> Choice:
-    """The material's own particles must be small enough; larger ones that stand for them are the case's choice."""
+def _check_gap(opening: Opening, classes: SizeClasses, coarse_grain_factor: float) -> Decision:
+    """The material's own particles must be small enough; larger ones that stand for them are the case's decision."""
     ratio = opening.gap / classes.d90
     least = LEAST_GAP if coarse_grain_factor == 1 or ratio * coarse_grain_factor < LEAST_GAP else LEAST_COARSE_GAP
     if ratio < least and opening.required:
@@ -268,21 +267,21 @@ def _check_gap(opening: Opening, classes: SizeClasses, coarse_grain_factor: floa
         )
     breach = f"below {LEAST_GAP:g} by dem.coarse_grain_factor" if ratio < LEAST_GAP and opening.required else ""
     warning = "" if ratio >= 10 or breach else f"{ratio:.2g} is below 10: expect wall layers and arching to show"
-    return Choice(f"gap/d90 at the {opening.name}", f"{ratio:.3g}", "at least 5, better 10", breach, warning)
+    return Decision(f"gap/d90 at the {opening.name}", f"{ratio:.3g}", "at least 5, better 10", breach, warning)
 
 
-def _size_ratio(classes: SizeClasses) -> Choice:
+def _size_ratio(classes: SizeClasses) -> Decision:
     ratio = classes.largest / classes.smallest
     warning = "" if ratio <= 3 else f"{ratio:.2g} > 3: static friction is less exact (arXiv 2410.14798)"
-    return Choice("size ratio", f"{ratio:.3g}", "at most 3", warning=warning)
+    return Decision("size ratio", f"{ratio:.3g}", "at most 3", warning=warning)
 
 
-def _coarse_graining(case: Case) -> list[Choice]:
+def _coarse_graining(case: Case) -> list[Decision]:
     factor = case.dem.coarse_grain_factor
     if factor == 1:
         return []
     criterion = "E, density, friction and restitution stay: slow flow of larger particles; watch the gaps above"
-    return [Choice("coarse_grain_factor", f"{factor:g}", criterion)]
+    return [Decision("coarse_grain_factor", f"{factor:g}", criterion)]
 
 
 def _reservoir_height(case: Case, vessel: Vessel, classes: SizeClasses) -> float:
@@ -302,7 +301,7 @@ def _check_rest(case: Case) -> None:
         )
 
 
-def _youngs_modulus(case: Case, stress: BedStress) -> tuple[float, Choice]:
+def _youngs_modulus(case: Case, stress: BedStress) -> tuple[float, Decision]:
     parts = case.contact
     needed = contact.softened_modulus(stress.mean, stress.peak, parts.poisson)
     youngs = contact.two_digits_up(needed) if parts.youngs_modulus == "auto" else float(parts.youngs_modulus)
@@ -311,12 +310,12 @@ def _youngs_modulus(case: Case, stress: BedStress) -> tuple[float, Choice]:
         f"under Janssen's {stress.mean:.3g} Pa on average and {stress.peak:.3g} Pa at most"
     )
     breach = "" if youngs >= 0.5 * needed else f"the bed overlaps too much; it needs about {needed:.2g} Pa"
-    return youngs, Choice("youngs_modulus", f"{youngs:.3g} Pa", criterion, breach)
+    return youngs, Decision("youngs_modulus", f"{youngs:.3g} Pa", criterion, breach)
 
 
 def _time_step(
     case: Case, classes: SizeClasses, youngs: float, speed: float, skin: float
-) -> tuple[float, float, Choice]:
+) -> tuple[float, float, Decision]:
     """Time step and Rayleigh time [s]; `speed` is that of the fastest particle to be expected [m/s]."""
     material, poisson = case.material, case.contact.poisson
     rayleigh = contact.rayleigh_time(classes.smallest, material.density, youngs, poisson)
@@ -334,17 +333,19 @@ def _time_step(
     given = case.dem.time_step
     step = contact.two_digits(limit) if given == "auto" else float(given)
     breach = "" if step <= 1.05 * limit else f"at most {criterion} is stable; the bed may never come to rest"
-    return step, rayleigh, Choice("time_step", f"{step:.3g} s", criterion, breach)
+    return step, rayleigh, Decision("time_step", f"{step:.3g} s", criterion, breach)
 
 
-def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStress) -> tuple[float, Choice]:
+def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStress) -> tuple[float, Decision]:
     """Plate speed [m/s]; with an open outlet the mean speed of the free discharge through the narrowest opening."""
     area = math.pi * vessel.outlet_radius**2
     if case.dem.outlet == "open":
         required = [opening for opening in vessel.openings if opening.required]
         narrowest = min(required, key=lambda opening: free_flow(opening, classes.mean_diameter))
         free = free_flow(narrowest, classes.mean_diameter)
-        return free / area, Choice("flow", f"{free:.3g} m³/s", f"free discharge at the {narrowest.name} after Beverloo")
+        return free / area, Decision(
+            "flow", f"{free:.3g} m³/s", f"free discharge at the {narrowest.name} after Beverloo"
+        )
     quick, quick_name = _least(vessel, lambda o, s: BEVERLOO_SHARE * free_flow(o, classes.mean_diameter) / (s * area))
     inertia = SPEED_ERROR / contact.FRICTION_SLOPE
 
@@ -374,7 +375,7 @@ def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStr
         f"inertial number at most {inertia:.2g} at the {calm_name}: {calm:.3g} m/s"
     )
     breach = "" if speed <= 1.05 * min(quick, calm) else f"{speed / min(quick, calm):.2g} times too fast: inertia shows"
-    return speed, Choice("plate_speed", f"{speed:.3g} m/s", criterion, breach)
+    return speed, Decision("plate_speed", f"{speed:.3g} m/s", criterion, breach)
 
 
 def _least(vessel: Vessel, limit: Callable[[Opening, float], float]) -> tuple[float, str]:
@@ -383,14 +384,9 @@ def _least(vessel: Vessel, limit: Callable[[Opening, float], float]) -> tuple[fl
     return min((value, name) for value, name in limits if value > 0)
 
 
-def _ranks(case: Case, particles: int) -> int:
-    """Ranks, never more than cores; below some thousand particles a rank they cost more than they give."""
-    cores = usable_cores()
+def _ranks(case: Case, particles: int, cores: int) -> int:
+    """What the case says, or no more than cores; below some thousand particles a rank they cost more than they give."""
     if case.dem.ranks != "auto":
-        wanted = int(case.dem.ranks)
-        if wanted > cores:
-            raise CaseError(f"{wanted} ranks, but this machine has {cores} cores", key=("dem", "ranks"))
-        return wanted
-    cores = max(1, cores // case.dem.replicas)
+        return int(case.dem.ranks)
     useful = max(1, particles // 3000)
-    return next(n for n in (64, 32, 16, 8, 4, 2, 1) if n <= min(cores, useful))
+    return next(n for n in (64, 32, 16, 8, 4, 2, 1) if n <= min(max(1, cores // case.dem.replicas), useful))

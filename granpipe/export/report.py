@@ -94,9 +94,9 @@ def _run_sections(plan: Mapping[str, Any], provenance: Mapping[str, Any]) -> lis
     errors = [(name, f"{error:.2%}") for name, error in figures.get("statistical_error", {}).items()]
     if errors:
         sections.append(Section("Statistical error of the field", head=("section", "relative error"), rows=errors))
-    choices = [(c["name"], c["value"], c["criterion"]) for c in plan.get("dem", {}).get("choices", ())]
-    if choices:
-        sections.append(Section("Settings", head=("setting", "value", "criterion"), rows=choices))
+    decisions = [(c["name"], c["value"], c["criterion"]) for c in plan.get("dem", {}).get("decisions", ())]
+    if decisions:
+        sections.append(Section("Settings", head=("setting", "value", "criterion"), rows=decisions))
     stages = [(stage["stage"], stage["reason"]) for stage in plan["stages"]]
     sections.append(Section("Stages", _notes(plan), head=("stage", "why"), rows=stages))
     if "produce_wall_seconds" in figures:

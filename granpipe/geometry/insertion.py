@@ -58,7 +58,7 @@ class Frustum:
 
 
 def insertion_frusta(
-    outline: Outline, top: float, bottom: float, margin: float, repose: float, min_size: float
+    outline: Outline, top: float, bottom: float, margin: float, repose: float, min_size: float = 0.0
 ) -> tuple[Frustum, ...]:
     """Slabs in which particles can be put, from the top down.
 

@@ -13,8 +13,6 @@ from numpy.typing import ArrayLike
 from granpipe.field import Array, Grid
 from granpipe.geometry.contacts import AXIS, WALL, Groups, touching_groups
 from granpipe.geometry.edges import Edges, Side
-from granpipe.geometry.insertion import Frustum, insertion_frusta
-from granpipe.geometry.passages import Passage, find_passages
 from granpipe.geometry.segments import signed_area
 from granpipe.geometry.validate import ZRange, check_obstacles, check_sections, check_wall
 
@@ -151,16 +149,6 @@ class Outline:
         fraction[np.abs(fraction) < rounding] = 0.0
         fraction[np.abs(fraction - 1) < rounding] = 1.0
         return fraction
-
-    def passages(self) -> tuple[Passage, ...]:
-        """Every narrowing that particles meet, from the top down."""
-        return find_passages(self)
-
-    def insertion_frusta(
-        self, top: float, bottom: float, margin: float, repose: float, min_size: float = 0.0
-    ) -> tuple[Frustum, ...]:
-        """Slabs in which particles can be put: see `insertion.insertion_frusta`."""
-        return insertion_frusta(self, top, bottom, margin, repose, min_size)
 
     @cached_property
     def edges(self) -> Edges:

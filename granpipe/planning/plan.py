@@ -8,15 +8,16 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from granpipe.case.schema import Case
-from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Choice, Settings, Vessel, choose
+from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, choose
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError, MeshError
 from granpipe.field import Grid
 from granpipe.geometry.outline import Outline
+from granpipe.geometry.passages import find_passages
 from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
 from granpipe.planning.jenike import hopper_regime
 from granpipe.planning.submodel import Span, spans, sub_case
-from granpipe.system.cores import usable_cores
+from granpipe.system.rates import RANK_GAIN
 
 Model = Literal["dem", "fluid", "hybrid"]
 
@@ -28,9 +29,6 @@ CELLS_PER_OPENING = 40
 
 FILL_TIME = 3.0
 """Filling and settling take about this many times the free fall through the vessel (measured: 2.5–3)."""
-
-RANK_GAIN = 0.9
-"""Parallel efficiency of a few ranks on idle cores."""
 
 CHORD_LIMIT = 0.15
 """Chord error of the wall in particle diameters beyond which a run is marked."""
@@ -62,9 +60,9 @@ class Plan:
     Parameters
     ----------
     settings : of the DEM run of the whole vessel; None unless the model is "dem"
-    parts : sub-models of a hybrid and the spans of sections that they stand for
+    submodels : sub-models of a hybrid and the spans of sections that they stand for
     followed : spans in which a hybrid follows the field of an earlier run instead
-    choices : settings with their criteria; their warnings and breaches are in `warnings` and `breaches`
+    decisions : settings with their criteria; their warnings and breaches are in `warnings` and `breaches`
     particle_steps : cost of DEM, filling included
     seconds, disk_bytes : forecasts for this machine's cores, LIGGGHTS running alone
     """
@@ -74,11 +72,11 @@ class Plan:
     model: Model
     grid: Grid
     settings: Settings | None
-    parts: tuple[tuple[Span, Plan], ...]
+    submodels: tuple[tuple[Span, Plan], ...]
     followed: tuple[Span, ...]
     stages: tuple[Stage, ...]
     left_out: tuple[Stage, ...]
-    choices: tuple[Choice, ...]
+    decisions: tuple[Decision, ...]
     notes: tuple[str, ...]
     particle_steps: float
     seconds: float
@@ -93,28 +91,33 @@ class Plan:
     @property
     def runs(self) -> tuple[Plan, ...]:
         """The DEM runs of the plan: its own, those of its sub-models, or none."""
-        return (self,) if self.settings is not None else tuple(part for _, part in self.parts)
+        return (self,) if self.settings is not None else tuple(submodel for _, submodel in self.submodels)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the user should keep in mind."""
-        return (*self.notes, *(f"{c.name}: {c.warning}" for c in self.choices if c.warning))
+        return (*self.notes, *(f"{c.name}: {c.warning}" for c in self.decisions if c.warning))
 
     @property
     def breaches(self) -> tuple[str, ...]:
         """Values of the case outside the stable or accurate range."""
-        return tuple(f"{c.name} = {c.value}: {c.breach}" for c in self.choices if c.breach)
+        return tuple(f"{c.name} = {c.value}: {c.breach}" for c in self.decisions if c.breach)
 
 
-def make_plan(case: Case) -> Plan:
-    """Decide everything; CaseError where the case asks for the impossible."""
-    scene = _Scene(case)
+def make_plan(case: Case, cores: int = 1) -> Plan:
+    """Decide everything; CaseError where the case asks for the impossible.
+
+    Parameters
+    ----------
+    cores : that the run may keep busy: they decide the number of ranks and the forecast, nothing else
+    """
+    scene = _Scene(case, cores)
     return scene.plan(scene.choose_model())
 
 
-def variants(case: Case) -> dict[Model, Plan | CaseError]:
+def model_plans(case: Case, cores: int = 1) -> dict[Model, Plan | CaseError]:
     """The plans of all three models, for comparison; the error of one that the scene does not allow."""
-    scene = _Scene(case)
+    scene = _Scene(case, cores)
     found: dict[Model, Plan | CaseError] = {}
     for model in ("fluid", "hybrid", "dem"):
         try:
@@ -127,10 +130,10 @@ def variants(case: Case) -> dict[Model, Plan | CaseError]:
 class _Scene:
     """A case with what the planner derives from it once."""
 
-    def __init__(self, case: Case) -> None:
-        self.case = case
+    def __init__(self, case: Case, cores: int) -> None:
+        self.case, self.cores = case, cores
         self.outline = Outline.from_case(case)
-        self.passages = self.outline.passages()
+        self.passages = find_passages(self.outline)
         self.verdicts: dict[str, Stage] = {}
         for name in self.outline.sections:
             self.verdicts[name] = self._verdict(name)
@@ -206,7 +209,7 @@ class _Scene:
         return self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
 
     def _dem(self) -> Plan:
-        settings = choose(self.case, self._vessel())
+        settings = choose(self.case, self._vessel(), self.cores)
         self._check_duration(settings)
         reasons = "; ".join(f"{name}: {why}" for name, why in self.needs.items() if why) or "the case asks for it"
         stages = [
@@ -219,18 +222,18 @@ class _Scene:
         left = [Stage("fluid solve", "the DEM run covers the whole vessel"), *_left_out_of_decks(self.case)]
         replicas = self.case.dem.replicas
         steps = replicas * settings.particles * (settings.steps + _fill_steps(settings))
-        together = min(replicas, max(1, usable_cores() // settings.ranks))
+        together = min(replicas, max(1, self.cores // settings.ranks))
         plan = self._made("dem", self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER), stages, left)
         return replace(
             plan,
             settings=settings,
-            choices=(*settings.choices, self._facets(settings)),
+            decisions=(*settings.decisions, self._facets(settings)),
             particle_steps=steps,
             seconds=steps / (together * assumed_rate(settings.ranks)),
             disk_bytes=replicas * _disk(self.case, settings),
         )
 
-    def _facets(self, settings: Settings) -> Choice:
+    def _facets(self, settings: Settings) -> Decision:
         given, radius, diameter = self.case.dem.facets, self.outline.r_max, settings.classes.sauter_diameter
         if given != "auto" and given % 4:
             raise CaseError(f"must be a multiple of 4, so that quarters are equal, not {given}", ("dem", "facets"))
@@ -243,7 +246,7 @@ class _Scene:
         criterion = (
             f"circle at most {CHORD_ERROR:g} particle diameters above the chord, at least {FEWEST_FACETS} facets"
         )
-        return Choice("facets per turn", str(turn.facets), criterion, breach)
+        return Decision("facets per turn", str(turn.facets), criterion, breach)
 
     def _check_duration(self, settings: Settings) -> None:
         if self.case.homogenize.method == "psi" and settings.segments < LEAST_SEGMENTS:
@@ -263,7 +266,7 @@ class _Scene:
         grid = self._grid(classes.sauter_diameter / CELLS_PER_DIAMETER)
         cut = tuple(span.on_levels(grid.z_edges.tolist()) for span in found)
         earlier = case.fluid.known_field
-        parts = () if earlier else tuple(self._part(span, grid) for span in cut)
+        submodels = () if earlier else tuple(self._submodel(span, grid) for span in cut)
         stages = [Stage(f"{earlier or 'DEM'} in {span.name}", self._why(span)) for span in cut]
         rest = [n for n, why in self.needs.items() if not why]
         stages.append(
@@ -275,21 +278,21 @@ class _Scene:
         plan = self._made("hybrid", grid, stages, left)
         return replace(
             plan,
-            parts=parts,
+            submodels=submodels,
             followed=cut if earlier else (),
-            choices=choices_of(parts),
-            particle_steps=sum(part.particle_steps for _, part in parts),
-            seconds=FLUID_SECONDS + sum(part.seconds for _, part in parts),
-            disk_bytes=sum(part.disk_bytes for _, part in parts),
+            decisions=decisions_of(submodels),
+            particle_steps=sum(submodel.particle_steps for _, submodel in submodels),
+            seconds=FLUID_SECONDS + sum(submodel.seconds for _, submodel in submodels),
+            disk_bytes=sum(submodel.disk_bytes for _, submodel in submodels),
         )
 
     def _left_out_fields(self, why: str) -> list[Stage]:
         """What the case asks for under homogenize.fields that only particles can tell."""
         return [Stage(name, why) for name in self.case.homogenize.fields if name != "residence_time"]
 
-    def _part(self, span: Span, grid: Grid) -> tuple[Span, Plan]:
+    def _submodel(self, span: Span, grid: Grid) -> tuple[Span, Plan]:
         """The plan of a sub-model, on the rows of the whole vessel's grid that it covers."""
-        plan = make_plan(sub_case(self.case, span))
+        plan = make_plan(sub_case(self.case, span), self.cores)
         rows = (grid.z_edges > span.cut_bottom - 0.5 * grid.cell) & (grid.z_edges < span.cut_top + 0.5 * grid.cell)
         columns = math.ceil(plan.outline.r_max / grid.cell - 1e-9)
         return span, replace(plan, grid=Grid(grid.r_edges[: columns + 1], grid.z_edges[rows]))
@@ -312,11 +315,11 @@ class _Scene:
             model=model,
             grid=grid,
             settings=None,
-            parts=(),
+            submodels=(),
             followed=(),
             stages=tuple(stages),
             left_out=tuple(left),
-            choices=(),
+            decisions=(),
             notes=tuple(notes or ()),
             particle_steps=0.0,
             seconds=seconds,
@@ -348,9 +351,9 @@ class _Scene:
         )
 
 
-def choices_of(parts: Iterable[tuple[Span, Plan]]) -> tuple[Choice, ...]:
-    """The choices of sub-models, each once."""
-    return tuple(dict.fromkeys(choice for _, part in parts for choice in part.choices))
+def decisions_of(submodels: Iterable[tuple[Span, Plan]]) -> tuple[Decision, ...]:
+    """The decisions of sub-models, each once."""
+    return tuple(dict.fromkeys(decision for _, submodel in submodels for decision in submodel.decisions))
 
 
 def assumed_rate(ranks: int) -> float:
@@ -359,10 +362,10 @@ def assumed_rate(ranks: int) -> float:
 
 
 def _left_out_of_decks(case: Case) -> list[Stage]:
-    parts, left = case.contact, []
-    if parts.rolling_model == "none" or max(parts.rolling_friction, parts.wall.rolling_friction) == 0:
+    contact, left = case.contact, []
+    if contact.rolling_model == "none" or max(contact.rolling_friction, contact.wall.rolling_friction) == 0:
         left.append(Stage("rolling model", "no rolling friction"))
-    if max(parts.friction, parts.wall.friction) == 0:
+    if max(contact.friction, contact.wall.friction) == 0:
         left.append(Stage("tangential history", "no friction"))
     if case.material.size.kind == "mono":
         left.append(Stage("size classes", "one size"))

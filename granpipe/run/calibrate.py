@@ -9,8 +9,9 @@ from granpipe.case.schema import Case, resolve
 from granpipe.case.yamlfile import Places
 from granpipe.planning.plan import make_plan
 from granpipe.progress import Progress
+from granpipe.run.context import Context
+from granpipe.run.convergence import Convergence
 from granpipe.run.dem_stages import simulate
-from granpipe.run.production import Precision
 from granpipe.system.cores import usable_cores
 from granpipe.system.jsonfile import read_json
 from granpipe.system.rates import Rates, keep_rates
@@ -40,10 +41,11 @@ def calibrate(progress: Progress) -> Rates:
 
 
 def _rate(ranks: int, progress: Progress) -> float:
-    plan = make_plan(calibration_case(ranks))
+    plan = make_plan(calibration_case(ranks), ranks)
     with tempfile.TemporaryDirectory(prefix="granpipe-") as folder:
         store = Store(Path(folder))
-        tools = library_versions() | program_versions(store.root / "programs.json")
-        (production,) = simulate(plan, store, tools, progress, lambda _: Precision())
+        versions = library_versions() | program_versions(store.root / "programs.json")
+        context = Context(store, versions, progress, ranks)
+        (production,) = simulate(plan, context, lambda _: Convergence())
         spent = [read_json(production.settled / "settle.json"), production.reports()[-1]]
-        return plan.particle_steps * ranks / sum(float(part["processor_seconds"]) for part in spent)
+        return plan.particle_steps * ranks / sum(float(one["processor_seconds"]) for one in spent)

@@ -1,13 +1,13 @@
-"""The DEM stages: walls, settle, produce. Each leaves a folder in the store; production is a chain of segments.
+"""The DEM stages: walls, settle, produce. Each leaves a folder in the store; production runs in segments.
 
-Replicas are the same case with other seeds: chains of their own, side by side, judged together.
+Replicas are the same case with other seeds: runs of their own, side by side, averaged together.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,15 @@ from granpipe.dem.dump import Snapshot, read_snapshot
 from granpipe.dem.health import FillingHealth
 from granpipe.dem.overlap import measure_overlap
 from granpipe.dem.run import Liggghts, Status
+from granpipe.errors import DataError
+from granpipe.geometry.insertion import insertion_frusta
 from granpipe.geometry.walls import build_walls
-from granpipe.homogenize.average import Sums
 from granpipe.planning.plan import Plan
-from granpipe.progress import Progress
+from granpipe.progress import Silent
+from granpipe.run.context import Context
+from granpipe.run.convergence import Criterion, RunningAverage
 from granpipe.run.extra_fields import Summed
-from granpipe.run.production import Chain, Judge, Together, copy_walls, limits_of, load_sums, write_hashes
-from granpipe.system.cores import usable_cores
+from granpipe.run.production import Production, ProductionRun, copy_walls, limits_of, write_hashes
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.pool import Task, run_together
 from granpipe.system.store import Store, digest, evidence_kept, key_of
@@ -35,81 +37,50 @@ REPOSE = np.radians(30)
 _VERSION = 4
 
 
-@dataclass(frozen=True)
-class Production:
-    """A finished chain of segments.
-
-    Parameters
-    ----------
-    run : which of the replicas it is
-    folder : of the chain
-    segments : folders of the segments, in order
-    settled : folder of the settled bed
-    walls : folder of the STL files
-    """
-
-    run: int
-    folder: Path
-    segments: tuple[Path, ...]
-    settled: Path
-    walls: Path
-
-    def sums(self) -> Iterator[Sums]:
-        """The sums of each segment."""
-        return (load_sums(segment, self.run) for segment in self.segments)
-
-    def last_snapshot(self) -> Snapshot:
-        """The particles at the end."""
-        return read_snapshot(self.segments[-1] / "snapshot.bin", DUMP_COLUMNS)
-
-    def reports(self) -> list[dict[str, Any]]:
-        """What each segment noted of itself."""
-        return [read_json(segment / "segment.json") for segment in self.segments]
-
-
-def simulate(
-    plan: Plan, store: Store, tools: dict[str, str], progress: Progress, judge: Judge
-) -> tuple[Production, ...]:
+def simulate(plan: Plan, context: Context, criterion: Criterion) -> tuple[Production, ...]:
     """Run the DEM stages of a plan, or find them done; one production for each replica that has segments."""
-    walls = make_walls(plan, store, tools, progress)
+    walls = make_walls(plan, context)
     dem = plan.case.dem
-    runs = [_Run(number, plan, walls, store, tools, progress) for number in range(dem.replicas)]
-    together = Together(judge, [sums for run in runs for sums in run.chain.sums()])
-    if not all(run.chain.complete for run in runs):
-        together.look()
-    tasks = (Task(run.name("DEM"), plan.dem.ranks, run.work(together)) for run in runs)
-    run_together(tasks, usable_cores())
-    return tuple(run.production() for run in runs if run.chain.published())
+    replicas = [_Replica(number, plan, walls, context) for number in range(dem.replicas)]
+    average = RunningAverage(criterion, [sums for replica in replicas for sums in replica.production_run.sums()])
+    if not all(replica.production_run.complete for replica in replicas):
+        average.evaluate()
+    tasks = (Task(replica.name("DEM"), plan.dem.ranks, replica.work(average)) for replica in replicas)
+    run_together(tasks, context.cores)
+    return tuple(replica.production() for replica in replicas if replica.production_run.published())
 
 
-def settle(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Path:
+def settle(plan: Plan, context: Context) -> Path:
     """The folder of the settled bed of a plan's first run."""
-    walls = make_walls(plan, store, tools, progress)
-    run = _Run(0, plan, walls, store, tools, progress)
-    run_together([Task(run.name("settle"), plan.dem.ranks, run.settle())], usable_cores())
-    return run.chain.settled
+    walls = make_walls(plan, context)
+    replica = _Replica(0, plan, walls, context)
+    run_together([Task(replica.name("settle"), plan.dem.ranks, replica.settle())], context.cores)
+    return replica.production_run.settled
 
 
-def make_walls(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Path:
-    settings, outline = plan.dem, plan.outline
-    facets = None if plan.case.dem.facets == "auto" else int(plan.case.dem.facets)
-    numbers = {
-        "top": settings.wall_top,
-        "bottom": settings.bottom,
-        "plate_z": settings.plate_z,
-        "particle_diameter": settings.classes.sauter_diameter,
-    }
-    part = numbers | {
-        "wall": outline.wall.tolist(),
-        "obstacles": {name: polygon.tolist() for name, polygon in outline.obstacles.items()},
-        "facets": facets,
-        "gmsh": tools["gmsh"],
-    }
-    key = key_of("walls", _VERSION, part)
-    progress.stage("walls", _found(store, "walls", key))
+def finished_productions(plan: Plan, store: Store, versions: Mapping[str, str]) -> tuple[Production, ...]:
+    """The productions that an earlier run of a plan has left in the store; nothing is run.
+
+    Raises
+    ------
+    DataError : the store does not hold them any more
+    """
+    walls = store.folder("walls", _walls_key(plan, versions))
+    if walls.is_dir():
+        context = Context(store, versions, Silent(), plan.dem.ranks)
+        replicas = [_Replica(number, plan, walls, context) for number in range(plan.case.dem.replicas)]
+        if found := tuple(replica.production() for replica in replicas if replica.production_run.published()):
+            return found
+    raise DataError(f"{store.root}: the stages of {plan.case.name} are not there any more; run it again")
+
+
+def make_walls(plan: Plan, context: Context) -> Path:
+    """The folder of the STL files of a plan's vessel."""
+    key = _walls_key(plan, context.versions)
+    context.progress.stage("walls", _found(context.store, "walls", key))
 
     def work(folder: Path) -> None:
-        walls = build_walls(outline, folder=folder, facets=facets, **numbers)
+        walls = build_walls(plan.outline, folder=folder, facets=_facets(plan), **_wall_lengths(plan))
         report = {
             "facets": walls.facets,
             "wall_radius": walls.radius,
@@ -119,52 +90,78 @@ def make_walls(plan: Plan, store: Store, tools: dict[str, str], progress: Progre
         }
         write_json(folder / "walls.json", report)
 
-    return store.make("walls", key, work)
+    return context.store.make("walls", key, work)
 
 
-class _Run:
+def _walls_key(plan: Plan, versions: Mapping[str, str]) -> str:
+    outline = plan.outline
+    inputs = _wall_lengths(plan) | {
+        "wall": outline.wall.tolist(),
+        "obstacles": {name: polygon.tolist() for name, polygon in outline.obstacles.items()},
+        "facets": _facets(plan),
+        "gmsh": versions["gmsh"],
+    }
+    return key_of("walls", _VERSION, inputs)
+
+
+def _facets(plan: Plan) -> int | None:
+    return None if plan.case.dem.facets == "auto" else int(plan.case.dem.facets)
+
+
+def _wall_lengths(plan: Plan) -> dict[str, float]:
+    settings = plan.dem
+    return {
+        "top": settings.wall_top,
+        "bottom": settings.bottom,
+        "plate_z": settings.plate_z,
+        "particle_diameter": settings.classes.sauter_diameter,
+    }
+
+
+class _Replica:
     """One replica: what it is known by, and the work to be done for it."""
 
-    def __init__(
-        self, number: int, plan: Plan, walls: Path, store: Store, tools: dict[str, str], progress: Progress
-    ) -> None:
+    def __init__(self, number: int, plan: Plan, walls: Path, context: Context) -> None:
         dem = plan.case.dem
         self.plan = replace(plan, case=plan.case.varied({"dem.seed": str(dem.seed + number)}))
-        self.number, self.walls, self.store, self.progress = number, walls, store, progress
+        self.number, self.walls = number, walls
+        self.store, self.progress = context.store, context.progress
         self.deck = compose_deck(self.plan, walls)
         self.fill, produce = render(self.deck, "fill.in"), render(self.deck, "produce.in")
         stls = {path.name: digest(path) for path in sorted(walls.glob("*.stl"))}
-        part: dict[str, Any] = {"deck": self.fill, "walls": stls, "liggghts": tools["liggghts"]}
+        part: dict[str, Any] = {"deck": self.fill, "walls": stls, "liggghts": context.versions["liggghts"]}
         self.settle_key = key_of("settle", _VERSION, part)
-        settled, grid = store.folder("settle", self.settle_key), plan.grid
+        settled, grid = self.store.folder("settle", self.settle_key), plan.grid
         part = {"deck": produce, "settled": settled.name, "cell": grid.cell, "z": [grid.z_edges[0], grid.z_edges[-1]]}
         part |= Summed.of(plan).key
-        self.chain_key = key_of("produce", _VERSION, part)
-        self.chain = Chain(store.folder("produce", self.chain_key), self.plan, settled, self.deck, number)
+        self.produce_key = key_of("produce", _VERSION, part)
+        self.production_run = ProductionRun(
+            self.store.folder("produce", self.produce_key), self.plan, settled, self.deck, number
+        )
 
     def name(self, stage: str) -> str:
         """The stage's name, with the replica's number where there are several."""
         return stage if self.plan.case.dem.replicas == 1 else f"{stage}, replica {self.number + 1}"
 
-    def work(self, together: Together) -> Generator[None, None, None]:
+    def work(self, average: RunningAverage) -> Generator[None, None, None]:
         """Settle and produce what is missing; nothing where the others are good enough."""
-        if together.enough and not self.chain.published():
+        if average.reached and not self.production_run.published():
             return
         yield from self.settle()
-        if self.chain.complete or together.enough:
+        if self.production_run.complete or average.reached:
             self.progress.stage(self.name("produce"), "done before")
             return
-        with self.store.lock("produce", self.chain_key):
-            together.renew(self.number, self.chain.sums())  # another process may have been at it until now
-            together.look()
-            if self.chain.complete or together.enough:
+        with self.store.lock("produce", self.produce_key):
+            average.replace(self.number, self.production_run.sums())  # another process may have been at it until now
+            average.evaluate()
+            if self.production_run.complete or average.reached:
                 return
-            yield from self.chain.run(self.walls, together, self.name("produce"), self.progress)
+            yield from self.production_run.run(self.walls, average, self.name("produce"), self.progress)
 
     def production(self) -> Production:
         """What there is."""
-        chain = self.chain
-        return Production(self.number, chain.folder, tuple(chain.published()), chain.settled, self.walls)
+        run = self.production_run
+        return Production(self.number, run.folder, tuple(run.published()), run.settled, self.walls)
 
     def settle(self) -> Generator[None, None, None]:
         """Fill the vessel and come to rest, unless that is done."""
@@ -206,8 +203,8 @@ def compose_deck(plan: Plan, walls: Path) -> Deck:
     report = read_json(walls / "walls.json")
     margin = settings.classes.largest + settings.skin / 2 + report["inward"]
     above_plate = settings.plate_z + settings.classes.largest + settings.skin / 2
-    frusta = outline.insertion_frusta(
-        settings.feed_top, above_plate, margin, float(REPOSE), 2 * settings.classes.smallest
+    frusta = insertion_frusta(
+        outline, settings.feed_top, above_plate, margin, float(REPOSE), 2 * settings.classes.smallest
     )
     meshes = [f"obstacle_{name}" for name in outline.obstacles]
     return make_deck(plan.case, settings, frusta, meshes, report["wall_radius"])

@@ -22,7 +22,7 @@ from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard
 from granpipe.homogenize.average import Collector, Extra, Sums, merge
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.run.dem_field import conserved_field
+from granpipe.run.averages import conserved_field
 from granpipe.run.dump_grid import Frame, grid_round
 from granpipe.run.extra_fields import Summed, with_derived
 from granpipe.system.store import publishing

@@ -8,9 +8,9 @@ from granpipe.case.schema import Case
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid.wall_speed import WallLaw
 from granpipe.geometry.section import mesh_section
+from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
-from granpipe.run.dem_field import target_flow
-from granpipe.run.results import Made
+from granpipe.run.model_result import ModelResult
 from granpipe.rzmesh import RZMesh
 
 
@@ -35,7 +35,7 @@ def wall_law(case: Case) -> WallLaw:
     )
 
 
-def fluid_field(plan: Plan) -> Made:
+def fluid_field(plan: Plan) -> ModelResult:
     """Solve for the flow rate of the case; the field is exact in conservation at every level and cell."""
     case, outline = plan.case, plan.outline
     material = case.material
@@ -49,4 +49,4 @@ def fluid_field(plan: Plan) -> Made:
         "residual": solution.residual,
         "velocity_corrected_by_psi": solution.correction,
     }
-    return Made(field=field, gates=(), figures=figures, solution=solution)
+    return ModelResult(field=field, gates=(), figures=figures, solution=solution)

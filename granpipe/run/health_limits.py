@@ -9,6 +9,7 @@ from granpipe.dem.health import Surroundings
 from granpipe.dem.settings import PACKING, Settings
 from granpipe.field import Array, Mask
 from granpipe.geometry.outline import Outline
+from granpipe.geometry.passages import find_passages
 from granpipe.geometry.segments import inside_polygon
 
 PROFILE = 2.0
@@ -21,7 +22,7 @@ def surroundings(outline: Outline, settings: Settings, wall_friction: float) -> 
     """Walls, openings and the scales of the flow."""
     speed = settings.inlet_speed * (outline.inlet_radius / outline.outlet_radius) ** 2
     bulk_flow = speed * np.pi * outline.outlet_radius**2
-    passages = outline.passages()
+    passages = find_passages(outline)
     # a stream leaves the highest opening with something below it to fall into; a plug sits on the plate
     edges = [passage for passage in passages if settings.open_outlet or passage.z > outline.z_bottom]
     return Surroundings(

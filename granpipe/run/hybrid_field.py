@@ -15,32 +15,33 @@ from granpipe.errors import CaseError
 from granpipe.field import Array, Field, Grid, Mask, cell_squares, flux_from_psi
 from granpipe.fluid.fictitious import FluidSolution, solve_fluid, to_field
 from granpipe.fluid.forcing import KnownFlow
+from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
 from granpipe.planning.submodel import Span
-from granpipe.progress import Progress
-from granpipe.run.dem_field import Judge, dem_field, target_flow
+from granpipe.run.context import Context
+from granpipe.run.convergence import StatisticalErrorCriterion
+from granpipe.run.dem_field import dem_field
 from granpipe.run.dem_stages import simulate
 from granpipe.run.fluid_field import section_mesh, wall_law
-from granpipe.run.results import Made
-from granpipe.system.store import Store
+from granpipe.run.model_result import ModelResult
 
 BAND_CELLS = 2
 """Largest triangle where the fluid follows a known flow, in cells of its grid: larger ones cannot follow its detail."""
 
-Parts = list[tuple[Span, Made]]
+Parts = list[tuple[Span, ModelResult]]
 
 
-def hybrid_field(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
+def hybrid_field(plan: Plan, context: Context) -> ModelResult:
     """Simulate every sub-model, or read an earlier field, then solve for the fluid that follows them."""
     case = plan.case
     parts: Parts = []
-    for span, part in plan.parts:
-        progress.note(f"sub-model of section {span.name}")
-        parts.append((span, dem_field(part, simulate(part, store, tools, progress, Judge(part)))))
+    for span, submodel in plan.submodels:
+        context.progress.note(f"sub-model of section {span.name}")
+        parts.append((span, dem_field(submodel, simulate(submodel, context, StatisticalErrorCriterion(submodel)))))
     if case.fluid.known_field is not None:
         earlier = Field.load(Path(case.fluid.known_field))
-        parts += [(span, Made(_cut_out(earlier, span, plan), ())) for span in plan.followed]
-    progress.stage("fluid")
+        parts += [(span, ModelResult(_cut_out(earlier, span, plan), ())) for span in plan.followed]
+    context.progress.stage("fluid")
     packing = float(np.mean([made.field.bulk_packing for _, made in parts]))
     known = known_flow(plan, parts)
     bands = [(low - known.ramp, high + known.ramp, BAND_CELLS * plan.grid.cell) for low, high in known.intervals]
@@ -50,7 +51,7 @@ def hybrid_field(plan: Plan, store: Store, tools: dict[str, str], progress: Prog
     field = to_field(solution, plan.grid, plan.outline.inside_fraction(plan.grid), packing)
     errors = _errors(field, parts)
     field = replace(field, bulk=_bulk(field, parts), flux_r_se=errors[0], flux_z_se=errors[1])
-    return Made(
+    return ModelResult(
         field=field,
         gates=tuple(gate for _, made in parts for gate in made.gates),
         figures=_figures(field, solution, parts),

@@ -12,8 +12,11 @@ from granpipe.case.schema import CaseFile
 from granpipe.errors import CaseError
 from granpipe.planning.plan import Model, Plan, make_plan
 from granpipe.progress import Progress
+from granpipe.run.context import Context
 from granpipe.run.gates import Gate
-from granpipe.run.results import Made, check_folder, is_current, results_key, write_results
+from granpipe.run.model_result import ModelResult
+from granpipe.run.results import check_folder, is_current, results_key, write_results
+from granpipe.system.cores import usable_cores
 from granpipe.system.store import Store, digest
 from granpipe.system.versions import library_versions, program_versions
 
@@ -27,10 +30,10 @@ class Outcome:
     made: bool = True
 
 
-def plan_case(file: CaseFile) -> Plan:
-    """The plan of a case; a CaseError says where in the file."""
+def plan_case(file: CaseFile, cores: int) -> Plan:
+    """The plan of a case for so many cores; a CaseError says where in the file."""
     try:
-        return make_plan(file.case)
+        return make_plan(file.case, cores)
     except CaseError as error:
         raise file.places.explain(error) from None
 
@@ -41,34 +44,36 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
     `store` holds the stages; ``results/.store`` does unless given.
     """
     begun = time.monotonic()
-    folder, store = results / file.case.name, store or Store(results / ".store")
-    plan = plan_case(file)
-    tools = library_versions()
+    folder, store, cores = results / file.case.name, store or Store(results / ".store"), usable_cores()
+    plan = plan_case(file, cores)
+    versions = library_versions()
     if plan.runs:
-        tools |= program_versions(store.root / "programs.json")
+        versions |= program_versions(store.root / "programs.json")
     if (known := file.case.fluid.known_field) is not None and plan.model == "hybrid":
-        tools["known field"] = _digest(file, known)
-    key = results_key(file.case, tools)
+        versions["known field"] = _digest(file, known)
+    key = results_key(file.case, versions)
     if (failed := is_current(folder, key)) is not None:
         return Outcome(folder, failed, made=False)
     check_folder(folder)
     for warning in plan.warnings:
         progress.note(f"note: {warning}")
+    context = Context(store, versions, progress, cores)
     try:
         if plan.runs:
+            _require_cores(plan, cores)
             _require_programs(plan)
-            plan = _piloted(plan, store, tools, progress)
-        made = _ROUTES[plan.model](plan, store, tools, progress)
+            plan = _with_checked_stiffness(plan, context)
+        made = _ROUTES[plan.model](plan, context)
     except CaseError as error:
         raise file.places.explain(error) from None
     if file.case.homogenize.fields:
         made = _with_derived(made, file.case.homogenize.fields)
     progress.stage("results")
-    failed = write_results(folder, plan, made, key, tools, begun)
+    failed = write_results(folder, plan, made, key, versions, begun)
     return Outcome(folder, failed)
 
 
-def _with_derived(made: Made, wanted: Sequence[str]) -> Made:
+def _with_derived(made: ModelResult, wanted: Sequence[str]) -> ModelResult:
     """The field with what else the case asks for and the field alone can tell."""
     from granpipe.run.extra_fields import with_derived
 
@@ -84,32 +89,39 @@ def _digest(file: CaseFile, known: str) -> str:
         raise file.places.explain(CaseError(message, ("fluid", "known_field"))) from None
 
 
-def _piloted(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Plan:
-    from granpipe.run.stiffness import piloted
+def _with_checked_stiffness(plan: Plan, context: Context) -> Plan:
+    from granpipe.run.stiffness import with_checked_stiffness
 
-    return piloted(plan, store, tools, progress)
+    return with_checked_stiffness(plan, context)
 
 
-def _dem(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
-    from granpipe.run.dem_field import Judge, dem_field
+def _dem(plan: Plan, context: Context) -> ModelResult:
+    from granpipe.run.convergence import StatisticalErrorCriterion
+    from granpipe.run.dem_field import dem_field
     from granpipe.run.dem_stages import simulate
 
-    productions = simulate(plan, store, tools, progress, Judge(plan))
-    progress.stage("field")
+    productions = simulate(plan, context, StatisticalErrorCriterion(plan))
+    context.progress.stage("field")
     return dem_field(plan, productions)
 
 
-def _fluid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
+def _fluid(plan: Plan, context: Context) -> ModelResult:
     from granpipe.run.fluid_field import fluid_field
 
-    progress.stage("fluid")
+    context.progress.stage("fluid")
     return fluid_field(plan)
 
 
-def _hybrid(plan: Plan, store: Store, tools: dict[str, str], progress: Progress) -> Made:
+def _hybrid(plan: Plan, context: Context) -> ModelResult:
     from granpipe.run.hybrid_field import hybrid_field
 
-    return hybrid_field(plan, store, tools, progress)
+    return hybrid_field(plan, context)
+
+
+def _require_cores(plan: Plan, cores: int) -> None:
+    """CaseError where the case asks for more ranks than there are cores: two on one core wait for each other."""
+    if (wanted := max(run.dem.ranks for run in plan.runs)) > cores:
+        raise CaseError(f"{wanted} ranks, but this machine has {cores} cores", ("dem", "ranks"))
 
 
 def _require_programs(plan: Plan) -> None:
@@ -124,7 +136,7 @@ def _require_programs(plan: Plan) -> None:
     require(*needed)
 
 
-_ROUTES: dict[Model, Callable[[Plan, Store, dict[str, str], Progress], Made]] = {
+_ROUTES: dict[Model, Callable[[Plan, Context], ModelResult]] = {
     "dem": _dem,
     "fluid": _fluid,
     "hybrid": _hybrid,

@@ -10,8 +10,8 @@ from __future__ import annotations
 import shutil
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from granpipe.errors import DataError
 from granpipe.homogenize.average import Collector, Sums
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
+from granpipe.run.convergence import RunningAverage
 from granpipe.run.extra_fields import Summed
 from granpipe.run.health_limits import surroundings
 from granpipe.system.jsonfile import read_json, write_json
@@ -42,67 +43,43 @@ def load_sums(segment: Path, run: int) -> Sums:
 
 
 @dataclass(frozen=True)
-class Precision:
-    """How good the average of a run in progress is.
+class Production:
+    """What production has left: the segments of one replica.
 
-    errors : section → statistical error of the final field, the whole included; empty while it is not known
-    enough : the case is content
-    missing : simulated time [s] that is still missing, for all replicas together; None if nothing can be said
+    Parameters
+    ----------
+    run : which of the replicas it is
+    folder : of the production
+    segments : folders of the segments, in order
+    settled : folder of the settled bed
+    walls : folder of the STL files
     """
 
-    errors: dict[str, float] = field(default_factory=dict)
-    enough: bool = False
-    missing: float | None = None
+    run: int
+    folder: Path
+    segments: tuple[Path, ...]
+    settled: Path
+    walls: Path
 
-    def __str__(self) -> str:
-        if not self.errors:
-            return "error not known yet"
-        sections = ", ".join(f"{name} {100 * e:.2g}" for name, e in self.errors.items() if name != "whole")
-        return f"error {100 * self.errors['whole']:.2g} % ({sections})"
+    def sums(self) -> Iterator[Sums]:
+        """The sums of each segment."""
+        return (load_sums(segment, self.run) for segment in self.segments)
 
+    def last_snapshot(self) -> Snapshot:
+        """The particles at the end."""
+        return read_snapshot(self.segments[-1] / "snapshot.bin", DUMP_COLUMNS)
 
-Judge = Callable[[Sequence[Sums]], Precision]
-
-
-class Together:
-    """What the replicas of a case share while they run: the sums so far, and whether their average is good enough.
-
-    The judge is asked when there are a good part more segments than at the last time: it takes about a second.
-    """
-
-    _MORE = 1.08
-
-    def __init__(self, judge: Judge, parts: Sequence[Sums]) -> None:
-        self._judge, self._parts, self._next = judge, list(parts), 0.0
-        self.precision = Precision()
-
-    def add(self, sums: Sums) -> None:
-        """Take in a new segment of one of the runs."""
-        self._parts.append(sums)
-        self.look()
-
-    def renew(self, run: int, parts: Iterator[Sums]) -> None:
-        """Take these for all that there is of one of the runs: a damaged segment may have been dropped."""
-        self._parts = [sums for sums in self._parts if sums.run != run] + list(parts)
-
-    def look(self) -> None:
-        """Judge what there is, if it is enough more than before."""
-        if len(self._parts) >= self._next:
-            self._next = self._MORE * len(self._parts)
-            self.precision = self._judge(self._parts)
-
-    @property
-    def enough(self) -> bool:
-        """No run need go on."""
-        return self.precision.enough
+    def reports(self) -> list[dict[str, Any]]:
+        """What each segment noted of itself."""
+        return [read_json(segment / "segment.json") for segment in self.segments]
 
 
-class Chain:
+class ProductionRun:
     """Production in segments, in a folder of the store.
 
     Parameters
     ----------
-    folder : of the chain
+    folder : of the production
     settled : folder of the bed that it starts from
     deck : what LIGGGHTS runs
     number : which of the replicas it is
@@ -137,10 +114,10 @@ class Chain:
     def _segment(self, number: int) -> Path:
         return self.folder / f"segment-{number:05d}"
 
-    def run(self, walls: Path, together: Together, stage: str, progress: Progress) -> Iterator[None]:
+    def run(self, walls: Path, average: RunningAverage, stage: str, progress: Progress) -> Iterator[None]:
         """Run LIGGGHTS from the last good restart file to the last segment, or until the average is good enough."""
         done, restart, bed = self._resume_point()
-        together.renew(self.number, self.sums())
+        average.replace(self.number, self.sums())
         progress.stage(stage, f"continues after segment {done} of {self.settings.segments}" if done else "")
         work = self.folder / "work"
         shutil.rmtree(work, ignore_errors=True)
@@ -155,10 +132,10 @@ class Chain:
             evidence_kept(work, self.folder / "evidence"),
             Liggghts("produce.in", work, self.settings.ranks, variables, limits) as process,
         ):
-            watch = _Watch(self, process, done, self._health(bed), together, progress)
+            watch = _Watch(self, process, done, self._health(bed), average, progress)
             for status in process.wait(watch.health.row):
                 watch.look(status)
-                if together.enough:
+                if average.reached:
                     break
                 yield
             else:
@@ -211,13 +188,19 @@ class _Watch:
     """Follows a running production: checks its health, takes in snapshots, publishes segments."""
 
     def __init__(
-        self, chain: Chain, process: Liggghts, done: int, health: FlowHealth, together: Together, progress: Progress
+        self,
+        run: ProductionRun,
+        process: Liggghts,
+        done: int,
+        health: FlowHealth,
+        average: RunningAverage,
+        progress: Progress,
     ) -> None:
-        self.chain, self.process, self.work = chain, process, process.folder
-        self.progress, self.together = progress, together
-        self.settings, self.health = chain.settings, health
-        self.summed = Summed.of(chain.plan)
-        self.collector = Collector(chain.plan.grid, "displacement", extras=self.summed.extras)
+        self.run, self.process, self.work = run, process, process.folder
+        self.progress, self.average = progress, average
+        self.settings, self.health = run.settings, health
+        self.summed = Summed.of(run.plan)
+        self.collector = Collector(run.plan.grid, "displacement", extras=self.summed.extras)
         self.segment = done + 1
         self.next_step = done * self.settings.segment_steps
         self.start_step, self.started = self.next_step, time.monotonic()
@@ -229,7 +212,7 @@ class _Watch:
     def look(self, status: Status) -> None:
         """Take in what has appeared since the last look, but not so much that the output goes unread."""
         for _ in range(_AT_ONCE):
-            if self.together.enough or not self._take_snapshot(status):
+            if self.average.reached or not self._take_snapshot(status):
                 break
         check_space(self.work)
         self._report(status)
@@ -239,21 +222,21 @@ class _Watch:
         if made <= 0:
             return
         wanted = self.settings.steps - status.step
-        if self.together.precision.missing is not None:
-            missing = self.together.precision.missing / self.chain.plan.case.dem.replicas
+        if self.average.convergence.missing is not None:
+            missing = self.average.convergence.missing / self.run.plan.case.dem.replicas
             wanted = min(wanted, round(missing / self.settings.time_step))
         left = (time.monotonic() - self.started) * wanted / made
         self.progress.update(
             1 - wanted / max(1, status.step + wanted),
-            f"step {status.step}, {status.particles} particles, {self.together.precision}, {_duration(left)} left, "
+            f"step {status.step}, {status.particles} particles, {self.average.convergence}, {_duration(left)} left, "
             f"{self.disk / 1e6:.0f} MB",
         )
 
     def finish(self, status: Status) -> None:
         """The last look, after LIGGGHTS has ended well."""
-        while not self.together.enough and self._take_snapshot(status):
+        while not self.average.reached and self._take_snapshot(status):
             pass
-        if self.segment <= self.settings.segments and not self.together.enough:
+        if self.segment <= self.settings.segments and not self.average.reached:
             raise DataError(
                 f"LIGGGHTS ended well, but snapshot.{self.next_step}.bin or its restart file is missing or cut short; "
                 "look for a full disk, then run again: it resumes"
@@ -313,16 +296,16 @@ class _Watch:
             "processor_seconds": self.process.processor_seconds(),
             "ranks": self.settings.ranks,
         }
-        check_space(self.chain.folder, 3 * restart.stat().st_size)
-        self.chain.publish(self.segment, sums, restart, snapshot, report)
+        check_space(self.run.folder, 3 * restart.stat().st_size)
+        self.run.publish(self.segment, sums, restart, snapshot, report)
         self.segment += 1
-        self.disk = sum(path.stat().st_size for path in self.chain.folder.rglob("*") if path.is_file())
-        self.together.add(replace(sums, run=self.chain.number))
+        self.disk = sum(path.stat().st_size for path in self.run.folder.rglob("*") if path.is_file())
+        self.average.add(replace(sums, run=self.run.number))
 
     def _keep(self, path: Path, ends: bool) -> None:
-        kept = self.chain.plan.case.dem.keep_snapshots
+        kept = self.run.plan.case.dem.keep_snapshots
         if kept == "all" or (kept == "thinned" and ends):
-            folder = self.chain.folder / "snapshots"
+            folder = self.run.folder / "snapshots"
             folder.mkdir(exist_ok=True)
             path.replace(folder / path.name)
             return

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import shutil
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,34 +16,24 @@ from granpipe.case.schema import Case
 from granpipe.errors import RunError
 from granpipe.export.report import write_run_report
 from granpipe.field import Field
+from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Plan
 from granpipe.run.gates import Gate
+from granpipe.run.model_result import ModelResult
 from granpipe.system.jsonfile import write_json
-from granpipe.system.rates import forecast, known_rates
+from granpipe.system.rates import known_rates
 from granpipe.system.store import key_of, publishing
 
 if TYPE_CHECKING:
-    from granpipe.fluid.fictitious import FluidSolution
-    from granpipe.run.dem_stages import Production
+    pass
 
 _VERSION = 1
 
 
-@dataclass(frozen=True)
-class Made:
-    """What the stages hand over: the field, its gates, measured figures, and the model's own data."""
-
-    field: Field
-    gates: tuple[Gate, ...]
-    figures: dict[str, Any] = dataclasses.field(default_factory=dict)
-    productions: tuple[Production, ...] = ()
-    solution: FluidSolution | None = None
-
-
-def results_key(case: Case, tools: dict[str, str]) -> str:
+def results_key(case: Case, versions: Mapping[str, str]) -> str:
     """Key of all that the results depend on: the case but for what only changes how it is run, and the versions."""
     part = case.model_dump(mode="json", exclude={"dem": {"ranks", "keep_snapshots"}})
-    return key_of("results", _VERSION, {"case": part, "granpipe": __version__, "tools": tools})
+    return key_of("results", _VERSION, {"case": part, "granpipe": __version__, "tools": versions})
 
 
 def is_current(folder: Path, key: str) -> tuple[Gate, ...] | None:
@@ -74,7 +63,7 @@ def check_folder(folder: Path) -> None:
 
 
 def write_results(
-    folder: Path, plan: Plan, made: Made, key: str, tools: dict[str, str], begun: float
+    folder: Path, plan: Plan, made: ModelResult, key: str, versions: Mapping[str, str], begun: float
 ) -> tuple[Gate, ...]:
     """Write everything; return the gates that failed."""
     check_folder(folder)
@@ -91,7 +80,7 @@ def write_results(
             "case": plan.case.name,
             "made": datetime.now().astimezone().isoformat(timespec="seconds"),
             "granpipe": __version__,
-            "versions": tools,
+            "versions": versions,
             "seed": plan.case.dem.seed if plan.model == "dem" else None,
             "wall_seconds": round(time.monotonic() - begun, 2),
             "forecast_seconds": round(forecast(plan, known_rates()), 2),
@@ -117,7 +106,7 @@ def plan_summary(plan: Plan) -> dict[str, Any]:
     if plan.settings is not None:
         dem = plan.settings
         summary["dem"] = {
-            "choices": [{"name": c.name, "value": c.value, "criterion": c.criterion} for c in plan.choices],
+            "decisions": [{"name": c.name, "value": c.value, "criterion": c.criterion} for c in plan.decisions],
             "radii_m": dem.classes.radius.tolist(),
             "number_shares": dem.classes.number_share.tolist(),
             "time_step_s": dem.time_step,
@@ -162,7 +151,7 @@ def write_exports(field: Field, case: Case, folder: Path) -> None:
     write_tables(field, folder)
 
 
-def _fluid_mesh(folder: Path, plan: Plan, made: Made) -> None:
+def _fluid_mesh(folder: Path, plan: Plan, made: ModelResult) -> None:
     if made.solution is None or "vtk" not in plan.case.export:
         return
     from granpipe.export.vtk import write_fluid_vtu
@@ -171,7 +160,7 @@ def _fluid_mesh(folder: Path, plan: Plan, made: Made) -> None:
     write_fluid_vtu(fluid.mesh.points, fluid.mesh.triangles, fluid.u, fluid.w, fluid.psi, folder / "fluid.vtu")
 
 
-def _figures(folder: Path, plan: Plan, made: Made) -> None:
+def _figures(folder: Path, plan: Plan, made: ModelResult) -> None:
     outline = plan.outline
     if plan.case.figures:
         (folder / "figures").mkdir()
@@ -194,7 +183,7 @@ def _figures(folder: Path, plan: Plan, made: Made) -> None:
             )
 
 
-def _logs(folder: Path, made: Made) -> None:
+def _logs(folder: Path, made: ModelResult) -> None:
     for number, production in enumerate(made.productions, start=1):
         logs = folder / "logs" / ("" if number == 1 else str(number))
         logs.mkdir(parents=True)

@@ -11,7 +11,8 @@ from granpipe.dem.sizes import size_classes
 from granpipe.errors import RunError
 from granpipe.field import Field
 from granpipe.geometry.outline import Outline
-from granpipe.run.dem_field import target_flow
+from granpipe.geometry.passages import find_passages
+from granpipe.planning.flow import target_flow
 from granpipe.run.results import write_exports
 from granpipe.system.store import publishing
 
@@ -35,7 +36,7 @@ def scale_results(source: Path, case: Case, target: Path) -> str:
 
 
 def _warning(case: Case, flow: float) -> str:
-    passages = [passage for passage in Outline.from_case(case).passages() if passage.required]
+    passages = [passage for passage in find_passages(Outline.from_case(case)) if passage.required]
     particle = size_classes(case.material.size).mean_diameter
     narrowest = min(passages, key=lambda passage: free_flow(passage, particle))
     free = free_flow(narrowest, particle)

@@ -22,8 +22,8 @@ from granpipe.homogenize.coarsen import coarsened
 from granpipe.homogenize.psi_field import BLOCKS
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, effective_samples, standard_error
 from granpipe.planning.plan import Plan
-from granpipe.run.dem_field import after_transient, conserved_field, statistical_errors
-from granpipe.run.dem_stages import Production
+from granpipe.run.averages import after_transient, conserved_field, statistical_errors
+from granpipe.run.production import Production
 from granpipe.system.jsonfile import read_json
 
 WINDOWS, SHORTER = 7, 0.8

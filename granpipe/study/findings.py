@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -20,9 +19,9 @@ from granpipe.errors import DataError
 from granpipe.field import Array, Field, cell_vectors, section_rows
 from granpipe.homogenize.statistics import LEAST_BLOCKS
 from granpipe.planning.plan import Plan
-from granpipe.progress import Progress, Silent
-from granpipe.run.dem_field import statistical_errors
-from granpipe.run.dem_stages import simulate
+from granpipe.progress import Progress
+from granpipe.run.averages import statistical_errors
+from granpipe.run.dem_stages import finished_productions
 from granpipe.run.pipeline import plan_case
 from granpipe.study.budget import Option, Part
 from granpipe.study.fields import PSI, Method, Ran, field_of, methods_of
@@ -151,7 +150,7 @@ def _point(
     folder: Folder, name: str, axis: str, forecast: float | None, store: Store, tools: Mapping[str, str]
 ) -> Point:
     file = point_case(folder, name, ranks=1)
-    plan, results = plan_case(file), folder.points / name
+    plan, results = plan_case(file, cores=1), folder.points / name
     field = Field.load(results / "field.npz")
     runs = [_ran(part, store, tools) for part in plan.runs]
     ran = runs[0] if plan.settings is not None else None
@@ -166,12 +165,8 @@ def _point(
 
 def _ran(plan: Plan, store: Store, tools: Mapping[str, str]) -> Ran:
     """What the store has of a DEM run that is done."""
-    programs = program_versions(store.root / "programs.json")
-    return Ran(plan, simulate(plan, store, {**tools, **programs}, Silent(), lambda _: _nothing()))
-
-
-def _nothing() -> Any:
-    raise DataError("a point of the study is not in the store any more; run the study again")
+    versions = {**tools, **program_versions(store.root / "programs.json")}
+    return Ran(plan, finished_productions(plan, store, versions))
 
 
 class Study:

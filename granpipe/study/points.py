@@ -15,13 +15,13 @@ from granpipe.case.schema import Case, resolve
 from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError
 from granpipe.geometry.revolve import Turn
-from granpipe.planning.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, variants
+from granpipe.planning.forecast import forecast as forecast_of
+from granpipe.planning.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, model_plans
 from granpipe.study.ladder import Axes, Basis, Rung, affordable, ladder
 from granpipe.sweep.content import Content
 from granpipe.sweep.file import Sweep
 from granpipe.sweep.variants import MAX_NAME, Variant
 from granpipe.system.rates import Rates
-from granpipe.system.rates import forecast as forecast_of
 
 COARSEST = 4
 """Rows are a multiple of this, so that cells can be joined to twice and four times their size."""
@@ -80,7 +80,7 @@ def make_study(case: Case, hours: float, cores: int, axes: Axes | None = None, r
     axes : those to go along, all unless some are named, and their values
     rates : of this machine, where they are known
     """
-    plans = variants(case)
+    plans = model_plans(case)
     basis = replace(_basis(case, plans), cores=cores)
     settled = _settled(case, basis)
 

@@ -55,9 +55,7 @@ def plan_points(sweep: Sweep, results: Path) -> tuple[Folder, list[Point]]:
 def _point(sweep: Sweep, folder: Folder, variant: Variant) -> Point:
     try:
         ranks = point_case(folder, variant.name, file=sweep.file).case.dem.ranks
-        plan = plan_case(
-            point_case(folder, variant.name, ranks=1, file=sweep.file)
-        )  # they may be too many for this machine, but run elsewhere
+        plan = plan_case(point_case(folder, variant.name, ranks=1, file=sweep.file), cores=1)
     except CaseError as error:
         raise sweep.explain(error, variant) from None
     return Point(variant.name, 0 if ranks == "auto" else ranks, bool(plan.runs))

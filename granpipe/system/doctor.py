@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from granpipe.dem.run import liggghts_version
 from granpipe.errors import RunError
+from granpipe.system.programs import liggghts_version
 
 TIMEOUT = 4.0
 """Seconds after which a program that does not answer counts as missing."""

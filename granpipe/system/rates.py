@@ -10,9 +10,10 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from granpipe.planning.plan import RANK_GAIN, Plan, assumed_rate
-
 _FILE = "rates.json"
+
+RANK_GAIN = 0.9
+"""Parallel efficiency of a few ranks on idle cores."""
 
 
 def machine() -> str:
@@ -58,22 +59,6 @@ def keep_rates(by_ranks: dict[int, float]) -> Rates:
     aside.write_text(json.dumps(stored, indent=1))
     aside.replace(path)
     return rates
-
-
-def forecast(plan: Plan, rates: Rates | None, busy: int = 1) -> float:
-    """Wall time of a plan [s], at the rates of this machine where they are known.
-
-    Parameters
-    ----------
-    busy : cores that runs keep busy at that time, this plan's among them: they take from each other's speed
-    """
-    if rates is None:
-        return plan.seconds
-    if plan.settings is not None:
-        ranks = plan.settings.ranks
-        return plan.seconds * assumed_rate(ranks) / min(rates.of(ranks), ranks * rates.of(busy) / busy)
-    particles = sum(part.seconds for _, part in plan.parts)
-    return plan.seconds - particles + sum(forecast(part, rates, busy) for _, part in plan.parts)
 
 
 def _stored(path: Path) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import shutil
 from importlib.metadata import version
 from pathlib import Path
 
-from granpipe.dem.run import liggghts_version
+from granpipe.system.programs import liggghts_version
 
 
 def library_versions() -> dict[str, str]:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granpipe.case.schema import units
+from granpipe.case import units
 from granpipe.case.units import (
     ANGLE,
     DENSITY,

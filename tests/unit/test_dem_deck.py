@@ -10,6 +10,7 @@ import pytest
 from granpipe.case.schema import Case, load_case
 from granpipe.dem.deck import Deck, make_deck, render
 from granpipe.errors import CaseError
+from granpipe.geometry.insertion import insertion_frusta
 from granpipe.geometry.outline import Outline
 from granpipe.planning.plan import make_plan
 
@@ -17,7 +18,7 @@ from granpipe.planning.plan import make_plan
 def deck_of(case: Case) -> Deck:
     plan = make_plan(case)
     settings = plan.dem
-    frusta = plan.outline.insertion_frusta(settings.feed_top, settings.plate_z, settings.classes.largest, 0.5)
+    frusta = insertion_frusta(plan.outline, settings.feed_top, settings.plate_z, settings.classes.largest, 0.5)
     meshes = [f"obstacle_{name}" for name in plan.outline.obstacles]
     return make_deck(case, settings, frusta, meshes, plan.outline.r_max)
 
@@ -91,7 +92,7 @@ def test_the_box_holds_the_plates_whole_travel(tiny: Path) -> None:
 def test_a_mesh_name_that_could_be_a_command_is_refused(tiny: Path) -> None:
     case = load_case(tiny)
     plan = make_plan(case)
-    frusta = Outline.from_case(case).insertion_frusta(plan.dem.feed_top, plan.dem.plate_z, 0.01, 0.5)
+    frusta = insertion_frusta(Outline.from_case(case), plan.dem.feed_top, plan.dem.plate_z, 0.01, 0.5)
     with pytest.raises(CaseError, match="cannot name a mesh"):
         make_deck(case, plan.dem, frusta, ["x\nshell rm -rf /"], 0.06)
 

@@ -97,8 +97,8 @@ def test_a_fluid_leaves_out_what_only_particles_tell():
 def test_sub_models_of_a_hybrid_collect_nothing_more():
     case = load_case(ROOT / "cases" / "reactor_hybrid.yaml", {"homogenize.fields": "[wall_slip]"})
     plan = make_plan(case)
-    assert not [part.case.homogenize.fields for _, part in plan.parts if part.case.homogenize.fields]
-    assert not sub_case(case, plan.parts[0][0]).homogenize.fields
+    assert not [part.case.homogenize.fields for _, part in plan.submodels if part.case.homogenize.fields]
+    assert not sub_case(case, plan.submodels[0][0]).homogenize.fields
 
 
 def test_the_key_of_the_sums_follows_what_is_collected():

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from granpipe.geometry.insertion import insertion_frusta
 from granpipe.geometry.outline import Outline
 
 REACTOR = [[1.0, 5.9], [1.0, 4.9], [0.5, 3.9], [0.5, 3.4], [1.156, 3.4], [1.156, 0]]
@@ -41,7 +42,7 @@ def vessel(name):
 
 
 def slabs(outline, min_size=0.0):
-    return outline.insertion_frusta(outline.z_top + TOP, outline.z_bottom - BOTTOM, MARGIN, REPOSE, min_size)
+    return insertion_frusta(outline, outline.z_top + TOP, outline.z_bottom - BOTTOM, MARGIN, REPOSE, min_size)
 
 
 def points_in(frusta, rng, count=1000):

@@ -9,6 +9,7 @@ import pytest
 from granpipe.case.schema import load_case
 from granpipe.errors import CaseError
 from granpipe.geometry.outline import Outline
+from granpipe.geometry.passages import find_passages
 
 
 @dataclass(frozen=True)
@@ -160,7 +161,7 @@ def test_direction_of_a_polygon_does_not_matter():
 
 
 def named(outline):
-    return {passage.name: passage for passage in outline.passages()}
+    return {passage.name: passage for passage in find_passages(outline)}
 
 
 def test_passages_of_the_test_reactor():

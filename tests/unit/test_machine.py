@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from granpipe.case.schema import load_case
+from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import assumed_rate, make_plan
 from granpipe.run.calibrate import calibration_case
-from granpipe.system.rates import Rates, forecast, keep_rates, known_rates, machine
+from granpipe.system.rates import Rates, keep_rates, known_rates, machine
 
 CASES = Path(__file__).parents[2] / "cases"
 
@@ -57,7 +58,7 @@ def test_a_machine_of_half_the_speed_takes_twice_as_long() -> None:
 
 def test_of_a_hybrid_only_the_particles_scale() -> None:
     plan = make_plan(load_case(CASES / "reactor_hybrid.yaml", {"dem.ranks": "1"}))
-    particles = sum(part.seconds for _, part in plan.parts)
+    particles = sum(part.seconds for _, part in plan.submodels)
     slow = Rates("", {1: assumed_rate(1) / 3})
     assert forecast(plan, slow) == pytest.approx(plan.seconds + 2 * particles)
 

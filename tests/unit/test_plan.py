@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case.schema import load_case
+from granpipe.case.schema import load_case, read_case
 from granpipe.errors import CaseError
 from granpipe.planning.plan import Plan, make_plan
+from granpipe.progress import Silent
+from granpipe.run.pipeline import run_case
 
 CASES = Path(__file__).parents[2] / "cases"
 
@@ -105,14 +107,14 @@ def test_a_small_opening_beside_a_wide_one_slows_the_plate(tiny: Path) -> None:
     ring = "{ring: [[15, 14], [19, 14], [19, 16], [15, 16]]}"
     with_ring = plan_of(tiny, dem__plate_speed="auto", outline__obstacles=ring, **changes)
     assert with_ring.dem.plate_speed < open_pipe.dem.plate_speed
-    (choice,) = [choice for choice in with_ring.choices if choice.name == "plate_speed"]
-    assert "gap between ring and the wall" in choice.criterion
+    (decision,) = [decision for decision in with_ring.decisions if decision.name == "plate_speed"]
+    assert "gap between ring and the wall" in decision.criterion
 
 
 def test_the_plan_says_what_coarse_graining_leaves_alone(tiny: Path) -> None:
     changes = {"material__size__diameter": "0.6 cm", "dem__coarse_grain_factor": "2"}
     fine, coarse = plan_of(tiny, material__size__diameter="0.6 cm"), plan_of(tiny, **changes)
-    assert "coarse_grain_factor" in {choice.name for choice in coarse.choices}
+    assert "coarse_grain_factor" in {decision.name for decision in coarse.decisions}
     assert coarse.dem.classes.largest == pytest.approx(2 * fine.dem.classes.largest)
     assert coarse.case.contact == fine.case.contact
 
@@ -146,9 +148,15 @@ def test_replicas_share_the_cores(tiny: Path) -> None:
     assert many.seconds <= 1000 * one.seconds
 
 
-def test_more_ranks_than_cores_are_refused(tiny: Path) -> None:
-    with pytest.raises(CaseError, match="cores"):
-        plan_of(tiny, dem__ranks="4000")
+def test_a_case_for_more_cores_than_there_are_can_be_planned_but_not_run(tiny: Path) -> None:
+    assert plan_of(tiny, dem__ranks="4000").dem.ranks == 4000
+    with pytest.raises(CaseError, match=r"dem\.ranks: 4000 ranks, but this machine has \d+ cores"):
+        run_case(read_case(tiny, {"dem.ranks": "4000"}), tiny.parent / "results", Silent())
+
+
+def test_the_cores_that_are_given_decide_the_ranks_whatever_this_machine_has() -> None:
+    case = load_case(CASES / "reactor.yaml")
+    assert [make_plan(case, cores).dem.ranks for cores in (1, 2, 64)] == [1, 2, 4]
 
 
 def test_the_plan_names_what_it_leaves_out(tiny: Path) -> None:

@@ -5,8 +5,8 @@ import pytest
 
 from granpipe.field import Grid
 from granpipe.homogenize.average import Sums
+from granpipe.run.convergence import Convergence, RunningAverage
 from granpipe.run.gates import error_gates, missing_time
-from granpipe.run.production import Precision, Together
 
 SECTIONS = {"whole": 0.04, "a": 0.03, "b": 0.06}
 
@@ -48,25 +48,25 @@ def sums(start: float, run: int = 0) -> Sums:
 def test_a_run_is_judged_now_and_then_until_it_is_good_enough():
     asked: list[int] = []
 
-    def judge(parts):
+    def criterion(parts):
         asked.append(len(parts))
-        return Precision({"whole": 0.1}, enough=len(parts) >= 60)
+        return Convergence({"whole": 0.1}, reached=len(parts) >= 60)
 
-    together = Together(judge, [])
+    average = RunningAverage(criterion, [])
     for number in range(100):
-        if together.enough:
+        if average.reached:
             break
-        together.add(sums(float(number)))
-    assert 60 <= len(together._parts) <= 60 * 1.08 + 1
+        average.add(sums(float(number)))
+    assert 60 <= len(average._sums) <= 60 * 1.08 + 1
     assert len(asked) < 40
 
 
 def test_segments_that_were_dropped_do_not_count():
-    together = Together(lambda parts: Precision(), [sums(0.0), sums(1.0), sums(0.0, run=1)])
-    together.renew(0, iter([sums(0.0)]))
-    assert [(part.run, part.start) for part in together._parts] == [(1, 0.0), (0, 0.0)]
+    average = RunningAverage(lambda parts: Convergence(), [sums(0.0), sums(1.0), sums(0.0, run=1)])
+    average.replace(0, iter([sums(0.0)]))
+    assert [(part.run, part.start) for part in average._sums] == [(1, 0.0), (0, 0.0)]
 
 
 def test_a_standing_names_every_section():
-    assert str(Precision(SECTIONS)) == "error 4 % (a 3, b 6)"
-    assert str(Precision()) == "error not known yet"
+    assert str(Convergence(SECTIONS)) == "error 4 % (a 3, b 6)"
+    assert str(Convergence()) == "error not known yet"

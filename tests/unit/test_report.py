@@ -47,7 +47,7 @@ def results(folder: Path) -> Path:
         "stages": [{"stage": "produce", "reason": "it widens"}],
         "warnings": ["narrow"],
         "outside_the_range": [],
-        "dem": {"choices": [{"name": "time_step", "value": "1e-4 s", "criterion": "damping"}]},
+        "dem": {"decisions": [{"name": "time_step", "value": "1e-4 s", "criterion": "damping"}]},
     }
     figures = {
         "statistical_error": {"whole": 0.034, "throat": 0.05},

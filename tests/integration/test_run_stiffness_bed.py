@@ -11,7 +11,7 @@ from granpipe.dem import contact
 from granpipe.planning.plan import make_plan
 from granpipe.progress import Silent
 from granpipe.run.dem_stages import settle
-from granpipe.run.stiffness import overlap, piloted
+from granpipe.run.stiffness import overlap, with_checked_stiffness
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 
@@ -25,7 +25,7 @@ def test_a_bed_that_came_out_too_soft_is_settled_again_within_its_limits(
     monkeypatch.setattr(contact, "_P99_FACTOR", 1.3)
     store, tools = Store(tmp_path / "store"), library_versions() | program_versions(tmp_path / "programs.json")
     plan = make_plan(load_case(tiny))
-    after = piloted(plan, store, tools, Silent())
+    after = with_checked_stiffness(plan, store, tools, Silent())
     before = overlap(settle(plan, store, tools, Silent()))
     mean, p99 = overlap(settle(after, store, tools, Silent()))
     assert before[0] > 1.5 * contact.MEAN_OVERLAP

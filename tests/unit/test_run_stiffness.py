@@ -12,13 +12,14 @@ from granpipe.case.schema import load_case
 from granpipe.dem import contact
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Silent
-from granpipe.run import stiffness as pilot
+from granpipe.run import stiffness
+from granpipe.run.context import Context
 from granpipe.system.store import Store
 
 Overlaps = Callable[[float], tuple[float, float]]
 
 
-def piloted(
+def with_checked_stiffness(
     tiny: Path, overlaps: Overlaps, monkeypatch: pytest.MonkeyPatch, **changes: str
 ) -> tuple[Plan, list[float]]:
     """The plan after beds that overlap as they do at a modulus, and the moduli that were tried."""
@@ -30,19 +31,19 @@ def piloted(
         (tiny.parent / "settle.json").write_text(json.dumps({"overlap": {"mean": mean, "p99": p99}}))
         return tiny.parent
 
-    monkeypatch.setattr(pilot, "settle", settle)
+    monkeypatch.setattr(stiffness, "settle", settle)
     plan = make_plan(load_case(tiny, {key.replace("__", "."): value for key, value in changes.items()}))
-    return pilot.piloted(plan, Store(tiny.parent), {}, Silent()), tried
+    return stiffness.with_checked_stiffness(plan, Context(Store(tiny.parent), {}, Silent(), cores=1)), tried
 
 
 def test_a_modulus_of_the_case_is_left_alone(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plan, tried = piloted(tiny, lambda _: (1.0, 1.0), monkeypatch, contact__youngs_modulus="2e6")
+    plan, tried = with_checked_stiffness(tiny, lambda _: (1.0, 1.0), monkeypatch, contact__youngs_modulus="2e6")
     assert plan.dem.youngs_modulus == 2e6
     assert tried == []
 
 
 def test_a_bed_that_overlaps_little_keeps_its_modulus(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plan, tried = piloted(tiny, lambda _: (0.01, 0.03), monkeypatch)
+    plan, tried = with_checked_stiffness(tiny, lambda _: (0.01, 0.03), monkeypatch)
     assert tried == [make_plan(load_case(tiny)).dem.youngs_modulus] == [plan.dem.youngs_modulus]
 
 
@@ -55,7 +56,7 @@ def test_a_bed_after_hertz_is_within_its_limits_after_one_more_choice(
         share = (first.dem.youngs_modulus / youngs) ** (2 / 3)
         return 0.03 * share, 0.06 * share
 
-    plan, tried = piloted(tiny, hertz, monkeypatch)
+    plan, tried = with_checked_stiffness(tiny, hertz, monkeypatch)
     assert len(tried) == 2
     mean, p99 = hertz(plan.dem.youngs_modulus)
     assert 0.85 * contact.MEAN_OVERLAP < mean <= contact.MEAN_OVERLAP
@@ -64,14 +65,14 @@ def test_a_bed_after_hertz_is_within_its_limits_after_one_more_choice(
         first.dem.time_step * (first.dem.youngs_modulus / plan.dem.youngs_modulus) ** 0.5, rel=0.1
     )
     assert plan.dem.plate_z == first.dem.plate_z  # the walls stand as they do
-    (choice,) = [choice for choice in plan.choices if choice.name == "youngs_modulus"]
-    assert "overlapped by 3.00% and 6.00%" in choice.criterion
-    assert {c.name for c in plan.choices} == {c.name for c in first.choices}
+    (decision,) = [decision for decision in plan.decisions if decision.name == "youngs_modulus"]
+    assert "overlapped by 3.00% and 6.00%" in decision.criterion
+    assert {c.name for c in plan.decisions} == {c.name for c in first.decisions}
     assert plan.breaches == ()
     assert plan.case == first.case
 
 
 def test_it_is_chosen_again_twice_at_the_most(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plan, tried = piloted(tiny, lambda _: (0.03, 0.06), monkeypatch)
+    plan, tried = with_checked_stiffness(tiny, lambda _: (0.03, 0.06), monkeypatch)
     assert len(tried) == 2
     assert plan.dem.youngs_modulus > tried[1] > tried[0]

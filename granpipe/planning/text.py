@@ -1,0 +1,79 @@
+"""A plan as text, for people."""
+
+from __future__ import annotations
+
+from granpipe.case.schema import Case
+from granpipe.errors import CaseError, GranpipeError
+from granpipe.planning.forecast import forecast
+from granpipe.planning.plan import Model, Plan
+from granpipe.system.rates import Rates
+
+
+def plan_text(plan: Plan, others: dict[Model, Plan | CaseError], rates: Rates | None) -> str:
+    width = max(len(stage.name) for stage in (*plan.stages, *plan.left_out))
+    lines = [f"{plan.case.name}: model {plan.model}", "", "stages"]
+    lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.stages]
+    lines += ["", "left out"]
+    lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.left_out]
+    rows, columns = plan.grid.shape
+    lines += ["", f"grid  {rows} × {columns} cells of {plan.grid.cell:.4g} m", ""]
+    for title, part in _dem_runs(plan):
+        lines += _dem_lines(title, part)
+    lines += ["the models side by side", *(_variant_line(model, other, rates) for model, other in others.items())]
+    lines += [f"  times {_source(rates)}", ""]
+    lines += [f"note: {warning}" for warning in plan.warnings]
+    lines += [f"outside the range (a run ends with status 4): {breach}" for breach in plan.breaches]
+    return "\n".join(lines)
+
+
+def _dem_runs(plan: Plan) -> list[tuple[str, Plan]]:
+    if plan.settings is not None:
+        return [("DEM run", plan)]
+    return [
+        (f"DEM of {span.name}, z = {span.cut_bottom:g} … {span.cut_top:g} m", submodel)
+        for span, submodel in plan.submodels
+    ]
+
+
+def _dem_lines(title: str, plan: Plan) -> list[str]:
+    dem = plan.dem
+    width = max(len(decision.name) for decision in plan.decisions)
+    return [
+        title,
+        *(f"  {decision.name:<{width}}  {decision.value:<12} {decision.criterion}" for decision in plan.decisions),
+        f"  {dem.particles} particles in {len(dem.classes.radius)} size classes; {dem.steps} steps of "
+        f"{dem.time_step:.3g} s: {dem.duration:.4g} s in {dem.segments} segments; {dem.ranks} ranks",
+        *_length_lines(plan.case),
+        "",
+    ]
+
+
+def _length_lines(case: Case) -> list[str]:
+    lines = []
+    if case.dem.replicas > 1:
+        lines.append(
+            f"  {case.dem.replicas} replicas, seeds {case.dem.seed} to {case.dem.seed + case.dem.replicas - 1}"
+        )
+    if (target := case.dem.statistical_error) is not None:
+        lines.append(f"  ends sooner if the statistical error of every section is at most {100 * target:.3g} %")
+    return lines
+
+
+def _source(rates: Rates | None) -> str:
+    if rates is None:
+        return "as on the machine that granpipe is developed on; `granpipe calibrate` measures this one"
+    return f"by the speed of this machine, as measured on {rates.made}"
+
+
+def _variant_line(model: Model, plan: Plan | CaseError, rates: Rates | None) -> str:
+    if isinstance(plan, GranpipeError):
+        return f"  {model:<7} not possible: {plan}"
+    seconds = forecast(plan, rates)
+    time_text = f"{seconds / 3600:.3g} h" if seconds >= 3600 else f"{seconds / 60:.2g} min"
+    unfit = "; does not describe every section" if model == "fluid" and plan.warnings else ""
+    runs = [part.dem for _, part in _dem_runs(plan)]
+    particles = " + ".join(str(dem.particles) for dem in runs) or "no"
+    return (
+        f"  {model:<7} {particles} particles, {plan.particle_steps:.3g} particle-steps, about {time_text}, "
+        f"{plan.disk_bytes / 1e6:.3g} MB of disk at the most{unfit}"
+    )

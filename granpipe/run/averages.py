@@ -1,0 +1,112 @@
+"""From the sums of production segments to a conserving field: where averaging begins, the plug, the method."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from granpipe.case.schema import Case
+from granpipe.errors import DataError
+from granpipe.field import Array, Field, Grid, cell_squares, section_rows
+from granpipe.geometry.outline import Outline
+from granpipe.homogenize.assemble import paper_field
+from granpipe.homogenize.average import Sums, merge
+from granpipe.homogenize.conserve import Plug, measure_plug
+from granpipe.homogenize.psi_field import psi_field
+from granpipe.homogenize.statistics import onset
+from granpipe.planning.flow import target_flow
+
+Levels = Mapping[str, tuple[float, float]]
+
+PLUG_DIAMETERS = 0.25
+"""Height of the plug in which packing and flow are measured, in outlet diameters above the outlet."""
+
+
+@dataclass(frozen=True)
+class Conserved:
+    """A field made to conserve, the plug that it was measured by, and figures of the method."""
+
+    field: Field
+    plug: Plug
+    figures: dict[str, Any]
+
+
+def conserved_field(case: Case, outline: Outline, parts: Sequence[Sums], diameter: float) -> Conserved:
+    """The average of some segments, made to conserve by the case's method and scaled to the flow that it asks for."""
+    sums = merge(parts)
+    inside = outline.inside_fraction(sums.grid)
+    material = case.material
+    given = None if material.bulk_density is None else material.bulk_density / material.density
+    plug = measure_plug(sums, inside, _plug_range(outline, sums.grid), diameter, given)
+    scale = target_flow(case, plug.packing) / plug.bulk_flow
+    if case.homogenize.method == "paper":
+        field = paper_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale)
+        return Conserved(field, plug, {})
+    fitted = psi_field(parts, inside, plug, diameter, scale)
+    figures: dict[str, Any] = {
+        "smoothing_length_m": fitted.smoothing_length,
+        "blocks": fitted.blocks,
+        "effective_blocks": fitted.effective_blocks,
+        "storage_taken_off": fitted.storage,
+    }
+    if fitted.scatter is not None:
+        figures["scatter_of_runs_over_error"] = fitted.scatter
+    if fitted.field.flux_z_se is not None:
+        figures["statistical_error"] = statistical_errors(fitted.field, case.outline.levels)
+    return Conserved(fitted.field, plug, figures)
+
+
+def statistical_errors(field: Field, levels: Levels) -> dict[str, float]:
+    """E = √(Σ A SE² / Σ A F²) over the bulk cells, whole and per section; A the area of each ring."""
+    assert field.flux_r_se is not None
+    assert field.flux_z_se is not None
+    weight = np.where(field.bulk, field.grid.ring_area, 0.0)
+    flux, error = (
+        weight * cell_squares(r, z) for r, z in ((field.flux_r, field.flux_z), (field.flux_r_se, field.flux_z_se))
+    )
+    rows = section_rows(field.grid, levels)
+    return {name: float(np.sqrt(error[at].sum() / max(flux[at].sum(), 1e-300))) for name, at in rows.items()}
+
+
+def after_transient(parts: Sequence[Sums], case: Case) -> list[Sums]:
+    """The segments of each run from the start that the case gives, or from one that suits its data."""
+    runs = [[sums for sums in parts if sums.run == run] for run in sorted({sums.run for sums in parts})]
+    return [sums for run in runs for sums in _from_start(run, case)]
+
+
+def _from_start(parts: list[Sums], case: Case) -> list[Sums]:
+    start = _steady_start(parts) if case.homogenize.start == "auto" else float(case.homogenize.start)
+    kept = [sums for sums in parts if sums.start >= start - 1e-9 * parts[-1].stop]
+    if not kept:
+        raise DataError(f"no segment begins after homogenize.start = {start:g} s; the last at {parts[-1].start:g} s")
+    return kept
+
+
+def _steady_start(parts: list[Sums]) -> float:
+    """Where averaging begins [s]: after the onset that MSER-5 finds, within the first half of the run.
+
+    Flow above an obstacle comes in bursts. Of the segments that may be first, the one is taken from which on the
+    filling changes least to the end, so that the average holds bursts and rests alike.
+    """
+    whole = merge(parts)
+    onset_time = float(whole.time[onset(whole.level_flow, whole.solids, whole.kinetic)])
+    latest = max(onset_time, 0.5 * (parts[0].start + parts[-1].stop))
+    first = [i for i, part in enumerate(parts) if onset_time - part.duration < part.start <= latest] or [0]
+    net = _net_storage(parts)
+    return parts[min(first, key=lambda i: float(net[i]))].start
+
+
+def _net_storage(parts: list[Sums]) -> Array:
+    """(n,) largest rate at which solids gather below any level, on average from each segment to the end [m³/s]."""
+    gain = np.cumsum([part.gain.sum(axis=1) for part in parts[::-1]], axis=0)[::-1]
+    duration = np.cumsum([part.duration for part in parts[::-1]])[::-1]
+    return np.asarray(np.abs(np.cumsum(gain, axis=1)).max(axis=1) / duration)
+
+
+def _plug_range(outline: Outline, grid: Grid) -> tuple[float, float]:
+    """Levels between which the plug is measured [m]; the plate itself is farther below."""
+    height = max(PLUG_DIAMETERS * 2 * outline.outlet_radius, 2 * grid.cell)
+    return outline.z_bottom, outline.z_bottom + height

@@ -1,0 +1,112 @@
+"""When the average of a run in progress is good enough: the convergence criterion of a case."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from granpipe.errors import DataError
+from granpipe.field import level_flow
+from granpipe.homogenize.average import Sums, merge
+from granpipe.homogenize.conserve import gathered_flow
+from granpipe.homogenize.statistics import LEAST_BLOCKS
+from granpipe.planning.plan import Plan
+from granpipe.run.averages import Conserved, after_transient, conserved_field
+from granpipe.run.gates import Gate, error_gates, level_flow_gates, missing_time
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """How good the average of a run in progress is.
+
+    Parameters
+    ----------
+    errors : section → statistical error of the final field, the whole included; empty while it is not known
+    reached : the criterion is met: no run need go on
+    missing : simulated time [s] that is still missing, for all replicas together; None if it is not known
+    """
+
+    errors: dict[str, float] = field(default_factory=dict)
+    reached: bool = False
+    missing: float | None = None
+
+    def __str__(self) -> str:
+        if not self.errors:
+            return "error not known yet"
+        sections = ", ".join(f"{name} {100 * e:.2g}" for name, e in self.errors.items() if name != "whole")
+        return f"error {100 * self.errors['whole']:.2g} % ({sections})"
+
+
+Criterion = Callable[[Sequence[Sums]], Convergence]
+"""Sums of all segments so far → how good their average is."""
+
+
+class RunningAverage:
+    """The sums that the replicas of a case have made so far, and how good their average is.
+
+    The criterion is evaluated when there are a certain share more segments than at the last time: it takes a second.
+    """
+
+    _MORE = 1.08
+
+    def __init__(self, criterion: Criterion, sums: Sequence[Sums]) -> None:
+        self._criterion, self._sums, self._next = criterion, list(sums), 0.0
+        self.convergence = Convergence()
+
+    def add(self, sums: Sums) -> None:
+        """Add a new segment of one of the runs."""
+        self._sums.append(sums)
+        self.evaluate()
+
+    def replace(self, run: int, sums: Iterator[Sums]) -> None:
+        """Replace the sums of one of the runs: a damaged segment may have been dropped."""
+        self._sums = [one for one in self._sums if one.run != run] + list(sums)
+
+    def evaluate(self) -> None:
+        """Evaluate the criterion, if there are enough more segments than before."""
+        if len(self._sums) >= self._next:
+            self._next = self._MORE * len(self._sums)
+            self.convergence = self._criterion(self._sums)
+
+    @property
+    def reached(self) -> bool:
+        """The criterion is met: no run need go on."""
+        return self.convergence.reached
+
+
+def average_gates(plan: Plan, conserved: Conserved, steady: Sums) -> list[Gate]:
+    """The gates that a longer average can pass."""
+    field, plug, target = conserved.field, conserved.plug, plan.case.dem.statistical_error
+    assert field.raw_flux_z is not None
+    gates = level_flow_gates(
+        level_flow(field.raw_flux_z, field.grid), gathered_flow(steady, plug.z_range), plug.solids_flow
+    )
+    if target is not None:
+        errors, effective = conserved.figures.get("statistical_error", {}), conserved.figures["effective_blocks"]
+        gates += error_gates(errors, effective, target, steady.duration)
+    return gates
+
+
+class StatisticalErrorCriterion:
+    """The convergence criterion of a case: `dem.statistical_error` in every section, and the gates of an average."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def __call__(self, sums: Sequence[Sums]) -> Convergence:
+        """How good the average of the segments so far is."""
+        plan = self._plan
+        if len(sums) < LEAST_BLOCKS or plan.case.homogenize.method == "paper":
+            return Convergence()
+        try:
+            steady = after_transient(sums, plan.case)
+            conserved = conserved_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter)
+        except DataError:
+            return Convergence()  # no flow at some level yet, or the filling still changes too fast
+        target, errors = plan.case.dem.statistical_error, conserved.figures.get("statistical_error", {})
+        if target is None or not errors:
+            return Convergence(errors)
+        whole = merge(steady)
+        reached = all(gate.passed for gate in average_gates(plan, conserved, whole))
+        effective = conserved.figures["effective_blocks"]
+        return Convergence(errors, reached, missing_time(errors, effective, target, whole.duration))
