@@ -60,8 +60,3 @@ class RZMesh:
         part = np.divide(level - z0, z1 - z0, out=np.zeros(np.broadcast(level, z0).shape), where=z0 != z1)
         radius = r0 + part * (r1 - r0)
         return np.asarray(np.pi * np.sum((rising * 1.0 - falling) * radius**2, axis=-1))
-
-    def flow_area(self, name: str) -> float:
-        """Horizontal area of the edges called `name` [m²]."""
-        radii = self.ends()[self.named(name), :, 0]
-        return float(np.pi * np.abs(np.diff(radii**2, axis=1)).sum())

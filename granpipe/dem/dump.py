@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granpipe.errors import DataError
-
-Array = NDArray[np.float64]
+from granpipe.field import Array
 
 OWN_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
 """What granpipe's own decks dump."""

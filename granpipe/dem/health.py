@@ -23,9 +23,8 @@ from granpipe.dem.overlap import measure_overlap
 from granpipe.dem.run import Status
 from granpipe.dem.settings import PACKING, Settings
 from granpipe.errors import RunError
+from granpipe.field import Array, Mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 _Column = tuple[int, NDArray[np.int64], Array, Array]  # step, and of each particle: number, height, volume
 
 OVERLAP_MARGIN = 2.0
@@ -54,7 +53,7 @@ DILATION = 0.1
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class FlowLimits:
     """What the vessel is to the particles in it.
 
     Parameters
@@ -116,7 +115,7 @@ class FlowHealth:
     fallen : those of them that have passed an open outlet's catcher already
     """
 
-    def __init__(self, settings: Settings, case: Case, vessel: Surroundings, present: int, fallen: int = 0) -> None:
+    def __init__(self, settings: Settings, case: Case, vessel: FlowLimits, present: int, fallen: int = 0) -> None:
         self.settings, self.case, self.vessel = settings, case, vessel
         self.present, self.fallen = present, fallen
         self.mass = case.material.density * settings.classes.mean_volume
@@ -216,7 +215,7 @@ def _check_energy(status: Status, particle_mass: float, limit: float, source: st
     return specific
 
 
-def _mean_energy(vessel: Surroundings, density: float, mass: float) -> float:
+def _mean_energy(vessel: FlowLimits, density: float, mass: float) -> float:
     """Most kinetic energy by mass [J/kg] that flow, falls, sticking and slipping can give on average.
 
     A stream of mass flow Φ that falls freely from height h for t = √(2h/g) holds Φ ∫ ½ g²t² dt = Φ g² t³/6 at a time.
@@ -225,7 +224,7 @@ def _mean_energy(vessel: Surroundings, density: float, mass: float) -> float:
     return vessel.flow_energy + vessel.elastic_energy + stream / mass
 
 
-def _burst_energy(settings: Settings, vessel: Surroundings, density: float, mass: float) -> float:
+def _burst_energy(settings: Settings, vessel: FlowLimits, density: float, mass: float) -> float:
     """Kinetic energy by mass [J/kg] of a layer, one diameter thick, that breaks off at an opening and falls."""
     layer = density * PACKING * vessel.brink * settings.classes.sauter_diameter
     return layer * contact.GRAVITY * vessel.fall / mass
@@ -271,7 +270,7 @@ class _Mean:
 class _Passing:
     """Solids that pass every opening while the plate sinks; RunError where an arch holds them up."""
 
-    def __init__(self, settings: Settings, vessel: Surroundings) -> None:
+    def __init__(self, settings: Settings, vessel: FlowLimits) -> None:
         self.vessel, self.names = vessel, list(vessel.levels)
         self.step_travel = vessel.speed * settings.time_step  # [m]
         self.window = ARCH_TRAVEL * settings.classes.sauter_diameter  # [m]

@@ -8,11 +8,9 @@ from itertools import pairwise
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granpipe.dem.contact import janssen_step
-
-Array = NDArray[np.float64]
+from granpipe.field import Array
 
 _SLICES = 40  # of each straight piece of wall
 

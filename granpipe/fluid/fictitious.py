@@ -44,12 +44,6 @@ class FluidSolution:
         """Part of the computed velocity, ‖·‖ over the volume, that was not divergence-free before ψ replaced it."""
         return self.stream.correction
 
-    @property
-    def outlet_reach(self) -> float:
-        """Height up to which the choice of the outlet's profile is felt: one diameter above it [m]."""
-        ends = self.mesh.ends()[self.mesh.named("outlet")]
-        return float(ends[..., 1].max() + 2 * ends[..., 0].max())
-
     def psi_at(self, grid: Grid) -> Array:
         """(nz+1, nr+1) ψ on the nodes of a grid [m³/s per radian]; outside the vessel that of the nearest wall."""
         return self.flow * self.stream.psi_at(grid.r_edges / self.length, grid.z_edges / self.length)

@@ -12,45 +12,40 @@ from itertools import combinations
 import numpy as np
 
 from granpipe.field import Array
-from granpipe.geometry.segments import chain, closest_approach
+from granpipe.geometry.polyline import closest_approach, edges_of
 
 AXIS, WALL = "\0axis", "\0wall"  # no obstacle can have these names
 
 
 class Groups:
-    """Solids joined into groups (union–find)."""
+    """Solids joined into groups."""
 
     def __init__(self, names: Iterable[str]) -> None:
-        self._parent = {name: name for name in (AXIS, WALL, *names)}
+        from scipy.cluster.hierarchy import DisjointSet
 
-    def root(self, name: str) -> str:
-        """Representative of the group."""
-        while self._parent[name] != name:
-            name = self._parent[name]
-        return name
+        self._sets = DisjointSet([AXIS, WALL, *names])
 
     def join(self, a: str, b: str) -> None:
         """Make one group of the groups of a and b."""
-        self._parent[self.root(a)] = self.root(b)
+        self._sets.merge(a, b)
 
     def joined(self, a: str, b: str) -> bool:
         """Whether a and b belong to one group."""
-        return self.root(a) == self.root(b)
+        return bool(self._sets.connected(a, b))
 
     def bridged_by(self, a: str, b: str) -> bool:
         """Whether joining a and b would close the way between axis and wall."""
-        ends = {self.root(AXIS), self.root(WALL)}
-        return {self.root(a), self.root(b)} == ends
+        return any(self.joined(a, end) and self.joined(b, other) for end, other in ((AXIS, WALL), (WALL, AXIS)))
 
 
 def touching_groups(wall: Array, obstacles: Mapping[str, Array], tolerance: float) -> Groups:
     """Groups of solids that touch: wall (n, 2), axis, and obstacles (closed polygons)."""
     groups = Groups(obstacles)
-    borders = {name: chain(polygon, closed=True) for name, polygon in obstacles.items()}
+    borders = {name: edges_of(polygon, closed=True) for name, polygon in obstacles.items()}
     for name, border in borders.items():
         if np.min(obstacles[name][:, 0]) <= tolerance:
             groups.join(name, AXIS)
-        if closest_approach(border, chain(wall))[0] <= tolerance:
+        if closest_approach(border, edges_of(wall))[0] <= tolerance:
             groups.join(name, WALL)
     for a, b in combinations(borders, 2):
         if closest_approach(borders[a], borders[b])[0] <= tolerance:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from granpipe.field import Array, Grid, Mask
-from granpipe.geometry.segments import chain
+from granpipe.geometry.polyline import edges_of
 
 Side = Literal["below", "above"]
 
@@ -33,14 +33,14 @@ class Edges:
     @classmethod
     def of(cls, wall: Array, obstacles: Mapping[str, Array]) -> Edges:
         """Edges of the wall (downwards) and of anticlockwise polygons: free space lies left of what runs down."""
-        chains = [chain(wall), *(chain(polygon, closed=True) for polygon in obstacles.values())]
-        segments = np.concatenate(chains)
-        owner = np.repeat(np.arange(len(chains)), [len(c) for c in chains])
-        upright = segments[:, 0, 1] != segments[:, 1, 1]
-        segments, owner = segments[upright], owner[upright]
-        down = segments[:, 0, 1] > segments[:, 1, 1]
-        low = np.where(down[:, None], segments[:, 1], segments[:, 0])
-        high = np.where(down[:, None], segments[:, 0], segments[:, 1])
+        lines = [edges_of(wall), *(edges_of(polygon, closed=True) for polygon in obstacles.values())]
+        ends = np.concatenate(lines)
+        owner = np.repeat(np.arange(len(lines)), [len(c) for c in lines])
+        upright = ends[:, 0, 1] != ends[:, 1, 1]
+        ends, owner = ends[upright], owner[upright]
+        down = ends[:, 0, 1] > ends[:, 1, 1]
+        low = np.where(down[:, None], ends[:, 1], ends[:, 0])
+        high = np.where(down[:, None], ends[:, 0], ends[:, 1])
         return cls(low, high, np.where(down, 1.0, -1.0), owner)
 
     @property

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from granpipe.field import Array, Grid
 from granpipe.geometry.contacts import AXIS, WALL, Groups, touching_groups
 from granpipe.geometry.edges import Edges, Side
-from granpipe.geometry.segments import signed_area
+from granpipe.geometry.polyline import signed_area
 from granpipe.geometry.validate import ZRange, check_obstacles, check_sections, check_wall
 
 if TYPE_CHECKING:
@@ -102,15 +102,6 @@ class Outline:
         if self.groups.joined(name, WALL):
             return "wall"
         return "axis" if self.groups.joined(name, AXIS) else "nothing"
-
-    def section_gaps(self) -> list[tuple[float, float]]:
-        """(upper z, lower z) of every part of the height that no section covers [m]."""
-        gaps, reached = [], self.z_top
-        for section in sorted(self.sections.values(), key=lambda s: -s.z_top):
-            if reached - section.z_top > self.tolerance:
-                gaps.append((reached, section.z_top))
-            reached = section.z_bottom
-        return [*gaps, (reached, self.z_bottom)] if reached - self.z_bottom > self.tolerance else gaps
 
     def wall_radius(self, z: ArrayLike, side: Side = "below") -> Array:
         """Radius of the outer wall [m] at heights z; at a ledge just below or just above it."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from granpipe.errors import MeshError
 from granpipe.field import Array
-from granpipe.geometry.segments import distance_to
+from granpipe.geometry.polyline import distance_to
 
 CHORD_ERROR = 0.1
 """Height of a facet's circle above its chord, in particle diameters: facets are as few as this allows."""

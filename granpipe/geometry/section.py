@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granpipe.errors import MeshError
-from granpipe.field import Array, Mask
+from granpipe.field import Array
 from granpipe.geometry.element_size import TOLERANCE, element_size
-from granpipe.geometry.segments import chain, distance_to, nearest_points
+from granpipe.geometry.polyline import distance_to, edges_of, enclosed, nearest_points
 from granpipe.geometry.session import gmsh_session
 from granpipe.rzmesh import Index, Names, RZMesh
 
@@ -70,13 +70,13 @@ class _Drawing:
 
     def names(self, points: Array) -> Names:
         """(n,) what each boundary point (n, 2) belongs to."""
-        piece = nearest_points(points, chain(self.wall))[0].argmin(axis=1)
+        piece = nearest_points(points, edges_of(self.wall))[0].argmin(axis=1)
         names = np.array([self._wall_name(i, z) for i, z in zip(piece, points[:, 1], strict=True)], dtype="U80")
         for name, (radius, z) in {"inlet": self.wall[0], "outlet": self.wall[-1]}.items():
             names[(np.abs(points[:, 1] - z) < TOLERANCE) & (points[:, 0] < radius)] = name
         names[points[:, 0] < TOLERANCE] = "axis"
         for name, ring in self.obstacles.items():
-            names[distance_to(points, chain(ring, closed=True)) < TOLERANCE] = f"obstacle:{name}"
+            names[distance_to(points, edges_of(ring, closed=True)) < TOLERANCE] = f"obstacle:{name}"
         return names
 
     def _wall_name(self, piece: int, z: float) -> str:
@@ -88,7 +88,7 @@ class _Drawing:
 
 def _law_heights(wall: Array, obstacles: Mapping[str, Array], sections: Mapping[str, tuple[float, float]]) -> Array:
     """(n,) heights where the wall's speed may jump [m]: ends of sections; level edges, where the free area jumps."""
-    sides = np.concatenate([chain(wall), *(chain(ring, closed=True) for ring in obstacles.values())])
+    sides = np.concatenate([edges_of(wall), *(edges_of(ring, closed=True) for ring in obstacles.values())])
     level = sides[:, 0, 1] == sides[:, 1, 1]
     return np.unique([*sides[level, 0, 1], *(z for ends in sections.values() for z in ends)])
 
@@ -97,7 +97,7 @@ def _with_heights(wall: Array, heights: Array) -> Array:
     """The wall with a point wherever it crosses one of the heights."""
     near = TOLERANCE * wall[:, 0].max()
     points = [wall[0]]
-    for start, end in chain(wall):
+    for start, end in edges_of(wall):
         part = (heights[heights != start[1]] - start[1]) / (end[1] - start[1]) if end[1] != start[1] else np.empty(0)
         margin = near / np.linalg.norm(end - start)
         crossed = np.sort(part[(part > margin) & (part < 1 - margin)])
@@ -116,10 +116,10 @@ def _triangulate(
         for source in ("FromPoints", "ExtendFromBoundary", "FromCurvature"):
             gmsh.option.setNumber(f"Mesh.MeshSize{source}", 0)
         gmsh.option.setNumber("Mesh.LcIntegrationPrecision", 1e-4)  # the default asks for 20 times the calls
-        face, segments = _passage(drawing)
-        names = drawing.names(segments.mean(axis=1))
+        face, edges = _way_through(drawing)
+        names = drawing.names(edges.mean(axis=1))
         end = (names == "inlet") | (names == "outlet")
-        size = element_size(segments, names == "axis", end, drawing.law_heights, cells_across, corner_refinement)
+        size = element_size(edges, names == "axis", end, drawing.law_heights, cells_across, corner_refinement)
         size = replace(size, bands=tuple(bands))
         gmsh.model.mesh.setSizeCallback(lambda dim, tag, r, z, y, lc: size.at(r, z))
         gmsh.model.mesh.generate(2)
@@ -131,7 +131,7 @@ def _triangulate(
     return points, _counter_clockwise(points, triangles.reshape(-1, 3))
 
 
-def _passage(drawing: _Drawing) -> tuple[int, Array]:
+def _way_through(drawing: _Drawing) -> tuple[int, Array]:
     """gmsh's face that joins inlet and outlet, and its boundary (k, 2, 2) with the inside on the left."""
     import gmsh
 
@@ -143,9 +143,9 @@ def _passage(drawing: _Drawing) -> tuple[int, Array]:
         gmsh.model.occ.cut([(2, shell)], [(2, _polygon(ring)) for ring in drawing.obstacles.values()])
     gmsh.model.occ.synchronize()
     for _, face in gmsh.model.getEntities(2):
-        segments = _sides(face)
-        if {"inlet", "outlet"} <= set(drawing.names(segments.mean(axis=1))):
-            return face, segments
+        edges = _sides(face)
+        if {"inlet", "outlet"} <= set(drawing.names(edges.mean(axis=1))):
+            return face, edges
     raise MeshError("the obstacles leave no way from the inlet to the outlet: move or shrink one")
 
 
@@ -165,21 +165,12 @@ def _sides(face: int) -> Array:
 
     curves = gmsh.model.getBoundary([(2, face)], oriented=False)
     ends = [[gmsh.model.getValue(0, tag, []) for _, tag in gmsh.model.getBoundary([curve])] for curve in curves]
-    segments = np.array(ends)[:, :, :2]
-    along = segments[:, 1] - segments[:, 0]
+    edges = np.array(ends)[:, :, :2]
+    along = edges[:, 1] - edges[:, 0]
     to_left = 1e-4 * np.stack([-along[:, 1], along[:, 0]], axis=1)
-    wrong = ~_enclosed(segments.mean(axis=1) + to_left, segments)
-    segments[wrong] = segments[wrong, ::-1]
-    return segments
-
-
-def _enclosed(points: Array, segments: Array) -> Mask:
-    """(n,) which points lie inside the boundary that the segments (k, 2, 2) make, by the even–odd rule."""
-    (r0, z0), (r1, z1) = segments.transpose(1, 2, 0)
-    r, z = points[:, :1], points[:, 1:]
-    spans = (z0 > z) != (z1 > z)
-    slope = np.divide(r1 - r0, z1 - z0, out=np.zeros_like(r0), where=z1 != z0)
-    return np.asarray((spans & (r < r0 + (z - z0) * slope)).sum(axis=1) % 2 == 1)
+    wrong = ~enclosed(edges.mean(axis=1) + to_left, edges)
+    edges[wrong] = edges[wrong, ::-1]
+    return edges
 
 
 def _counter_clockwise(points: Array, triangles: Index) -> Index:

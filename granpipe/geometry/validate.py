@@ -11,7 +11,7 @@ import numpy as np
 from granpipe.errors import CaseError, KeyPath
 from granpipe.field import Array
 from granpipe.geometry.contacts import AXIS, WALL, touching_groups
-from granpipe.geometry.segments import chain, crosses, distance_to, inside_polygon, pieces, self_contact, signed_area
+from granpipe.geometry.polyline import crosses, distance_to, edges_of, inside_polygon, pieces, self_contact, signed_area
 
 WALL_KEY = ("outline", "wall")
 
@@ -40,13 +40,13 @@ def check_wall(wall: Array, tolerance: float) -> None:
                 "(the axis itself is not part of the wall)",
                 (*WALL_KEY, i),
             )
-    _check_lengths(wall, chain(wall), WALL_KEY, tolerance)
+    _check_lengths(wall, edges_of(wall), WALL_KEY, tolerance)
     if (np.diff(wall[:, 1]) >= 0).all() and wall[-1, 1] > wall[0, 1]:
         raise CaseError(
             f"the wall runs upwards, from z = {wall[0, 1]:g} m to {wall[-1, 1]:g} m; list its points from the top down",
             WALL_KEY,
         )
-    _check_self_crossing(wall, chain(wall), WALL_KEY, tolerance, closed=False)
+    _check_self_crossing(wall, edges_of(wall), WALL_KEY, tolerance, closed=False)
     rising = np.flatnonzero(np.diff(wall[:, 1]) > 0)
     if len(rising):
         i = int(rising[0])
@@ -118,8 +118,8 @@ def _check_points(points: Array, key: KeyPath, least: int) -> None:
             )
 
 
-def _check_lengths(points: Array, segments: Array, key: KeyPath, tolerance: float) -> None:
-    short = np.flatnonzero(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) <= tolerance)
+def _check_lengths(points: Array, edges: Array, key: KeyPath, tolerance: float) -> None:
+    short = np.flatnonzero(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1) <= tolerance)
     if len(short):
         i = (int(short[0]) + 1) % len(points)
         r, z = points[i]
@@ -129,8 +129,8 @@ def _check_lengths(points: Array, segments: Array, key: KeyPath, tolerance: floa
         )
 
 
-def _check_self_crossing(points: Array, segments: Array, key: KeyPath, tolerance: float, closed: bool) -> None:
-    met = self_contact(segments, tolerance, closed)
+def _check_self_crossing(points: Array, edges: Array, key: KeyPath, tolerance: float, closed: bool) -> None:
+    met = self_contact(edges, tolerance, closed)
     if met:
         (r0, z0), (r1, z1) = points[met[0]], points[met[1]]
         raise CaseError(
@@ -142,7 +142,7 @@ def _check_self_crossing(points: Array, segments: Array, key: KeyPath, tolerance
 
 def _check_polygon(polygon: Array, key: KeyPath, tolerance: float) -> None:
     _check_points(polygon, key, least=3)
-    edges = chain(polygon, closed=True)
+    edges = edges_of(polygon, closed=True)
     _check_lengths(polygon, edges, key, tolerance)
     _check_self_crossing(polygon, edges, key, tolerance, closed=True)
     if abs(signed_area(polygon)) <= tolerance**2:
@@ -153,8 +153,8 @@ def _check_polygon(polygon: Array, key: KeyPath, tolerance: float) -> None:
 
 def _check_within_walls(polygon: Array, wall: Array, key: KeyPath, tolerance: float) -> None:
     vessel = np.concatenate([wall, [[0.0, wall[-1, 1]], [0.0, wall[0, 1]]]])
-    edges = chain(polygon, closed=True)
-    bounds = chain(vessel, closed=True)
+    edges = edges_of(polygon, closed=True)
+    bounds = edges_of(vessel, closed=True)
     if not _strays(polygon, vessel, tolerance).any():
         if not _strays(pieces(edges, bounds).mean(axis=1), vessel, tolerance).any():
             return
@@ -176,7 +176,7 @@ def _check_within_walls(polygon: Array, wall: Array, key: KeyPath, tolerance: fl
 
 def _strays(points: Array, polygon: Array, tolerance: float) -> Array:
     """(n,) whether each point lies outside the polygon by more than the tolerance."""
-    far = distance_to(points, chain(polygon, closed=True)) > tolerance
+    far = distance_to(points, edges_of(polygon, closed=True)) > tolerance
     return np.asarray(far & ~inside_polygon(points, polygon))
 
 
@@ -186,8 +186,8 @@ def _overlap(a: Array, b: Array, tolerance: float) -> bool:
 
 
 def _reaches_into(a: Array, b: Array, tolerance: float) -> bool:
-    edges = chain(b, closed=True)
-    probes = np.concatenate([pieces(chain(a, closed=True), edges).mean(axis=1), [_interior_point(a)]])
+    edges = edges_of(b, closed=True)
+    probes = np.concatenate([pieces(edges_of(a, closed=True), edges).mean(axis=1), [_interior_point(a)]])
     return bool((inside_polygon(probes, b) & (distance_to(probes, edges) > tolerance)).any())
 
 
@@ -196,7 +196,7 @@ def _interior_point(polygon: Array) -> Array:
     levels = np.unique(polygon[:, 1])
     k = int(np.diff(levels).argmax())
     z = 0.5 * (levels[k] + levels[k + 1])
-    edges = chain(polygon, closed=True)
+    edges = edges_of(polygon, closed=True)
     spans = (edges[:, 0, 1] > z) != (edges[:, 1, 1] > z)
     (r0, z0), (r1, z1) = edges[spans, 0].T, edges[spans, 1].T
     radii = np.sort(r0 + (z - z0) * (r1 - r0) / (z1 - z0))

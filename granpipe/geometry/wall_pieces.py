@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from granpipe.field import Array
 from granpipe.geometry.outline import Outline
-from granpipe.geometry.segments import chain, nearest_points
+from granpipe.geometry.polyline import edges_of, nearest_points
 
 Index = NDArray[np.int64]
 
@@ -37,7 +37,7 @@ class WallPieces:
     @classmethod
     def of(cls, outline: Outline, length: float) -> WallPieces:
         """Pieces no longer than `length` [m]."""
-        surfaces = [chain(outline.wall), *(chain(polygon, closed=True) for polygon in outline.obstacles.values())]
+        surfaces = [edges_of(outline.wall), *(edges_of(polygon, closed=True) for polygon in outline.obstacles.values())]
         edges = np.concatenate(surfaces)
         reach = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
         return cls(
@@ -60,7 +60,7 @@ class WallPieces:
         """(m, 2, 2) [piece, end, (r, z)] [m]."""
         return np.concatenate(
             [
-                chain(start + np.linspace(0, 1, count + 1)[:, None] * (end - start))
+                edges_of(start + np.linspace(0, 1, count + 1)[:, None] * (end - start))
                 for (start, end), count in zip(self.edges, self.counts, strict=True)
             ]
         )

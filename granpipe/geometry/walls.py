@@ -19,8 +19,8 @@ import numpy as np
 from granpipe.errors import MeshError
 from granpipe.field import Array
 from granpipe.geometry.outline import Outline
+from granpipe.geometry.polyline import edges_of, nearest_points
 from granpipe.geometry.revolve import SMALLEST_ANGLE, Turn, generatrix, triangle_angles
-from granpipe.geometry.segments import chain, nearest_points
 from granpipe.geometry.session import gmsh_session
 
 
@@ -117,22 +117,22 @@ def _group_radius(outline: Outline, name: str) -> float:
 
 
 def _exposed(outline: Outline, name: str) -> list[Array]:
-    """The chains of an obstacle's edges that particles can touch."""
-    edges = chain(outline.obstacles[name], closed=True)
-    on_wall = nearest_points(edges.reshape(-1, 2), chain(outline.wall))[0].reshape(len(edges), 2, -1)
+    """The lines of an obstacle's edges that particles can touch."""
+    edges = edges_of(outline.obstacles[name], closed=True)
+    on_wall = nearest_points(edges.reshape(-1, 2), edges_of(outline.wall))[0].reshape(len(edges), 2, -1)
     along_wall = np.any(np.all(on_wall <= outline.tolerance, axis=1), axis=1)
     along_axis = np.all(edges[:, :, 0] <= outline.tolerance, axis=1)
     hidden = np.asarray(along_wall | along_axis)
     if not hidden.any():
         return [np.concatenate([edges[:, 0], edges[:1, 0]])]
     first = int(np.flatnonzero(hidden)[0]) + 1
-    chains: list[list[Array]] = [[]]
+    lines: list[list[Array]] = [[]]
     for i in (np.arange(len(edges)) + first) % len(edges):
         if hidden[i]:
-            chains.append([])
+            lines.append([])
         else:
-            chains[-1] += [edges[i, 1]] if chains[-1] else [edges[i, 0], edges[i, 1]]
-    return [_on_axis(np.array(line), outline.tolerance) for line in chains if line]
+            lines[-1] += [edges[i, 1]] if lines[-1] else [edges[i, 0], edges[i, 1]]
+    return [_on_axis(np.array(line), outline.tolerance) for line in lines if line]
 
 
 def _on_axis(points: Array, tolerance: float) -> Array:

@@ -12,8 +12,8 @@ from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, 
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError, MeshError
 from granpipe.field import Grid
+from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
-from granpipe.geometry.passages import find_passages
 from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
 from granpipe.planning.jenike import hopper_regime
 from granpipe.planning.submodel import Span, spans, sub_case
@@ -133,7 +133,7 @@ class _Scene:
     def __init__(self, case: Case, cores: int) -> None:
         self.case, self.cores = case, cores
         self.outline = Outline.from_case(case)
-        self.passages = find_passages(self.outline)
+        self.openings = find_openings(self.outline)
         self.verdicts: dict[str, Stage] = {}
         for name in self.outline.sections:
             self.verdicts[name] = self._verdict(name)
@@ -339,15 +339,15 @@ class _Scene:
         return Stage("results", ", ".join(["field.npz", *fields, *self.case.export, *figures]))
 
     def _opening_cell(self) -> float:
-        return min(passage.gap for passage in self.passages) / CELLS_PER_OPENING
+        return min(opening.gap for opening in self.openings) / CELLS_PER_OPENING
 
     def _vessel(self) -> Vessel:
-        outline, passages = self.outline, self.passages
+        outline, openings = self.outline, self.openings
         return Vessel(
             wall=tuple((float(r), float(z)) for r, z in outline.wall),
             volume=outline.volume(),
-            openings=passages,
-            shares=tuple(1.0 if p.required else min(1.0, p.area / float(outline.area(p.z))) for p in passages),
+            openings=openings,
+            shares=tuple(1.0 if p.required else min(1.0, p.area / float(outline.area(p.z))) for p in openings),
         )
 
 

@@ -26,7 +26,7 @@ PLUG_DIAMETERS = 0.25
 
 
 @dataclass(frozen=True)
-class Conserved:
+class AveragedField:
     """A field made to conserve, the plug that it was measured by, and figures of the method."""
 
     field: Field
@@ -34,7 +34,7 @@ class Conserved:
     figures: dict[str, Any]
 
 
-def conserved_field(case: Case, outline: Outline, parts: Sequence[Sums], diameter: float) -> Conserved:
+def averaged_field(case: Case, outline: Outline, parts: Sequence[Sums], diameter: float) -> AveragedField:
     """The average of some segments, made to conserve by the case's method and scaled to the flow that it asks for."""
     sums = merge(parts)
     inside = outline.inside_fraction(sums.grid)
@@ -44,7 +44,7 @@ def conserved_field(case: Case, outline: Outline, parts: Sequence[Sums], diamete
     scale = target_flow(case, plug.packing) / plug.bulk_flow
     if case.homogenize.method == "paper":
         field = paper_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale)
-        return Conserved(field, plug, {})
+        return AveragedField(field, plug, {})
     fitted = psi_field(parts, inside, plug, diameter, scale)
     figures: dict[str, Any] = {
         "smoothing_length_m": fitted.smoothing_length,
@@ -56,7 +56,7 @@ def conserved_field(case: Case, outline: Outline, parts: Sequence[Sums], diamete
         figures["scatter_of_runs_over_error"] = fitted.scatter
     if fitted.field.flux_z_se is not None:
         figures["statistical_error"] = statistical_errors(fitted.field, case.outline.levels)
-    return Conserved(fitted.field, plug, figures)
+    return AveragedField(fitted.field, plug, figures)
 
 
 def statistical_errors(field: Field, levels: Levels) -> dict[str, float]:

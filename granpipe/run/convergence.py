@@ -11,7 +11,7 @@ from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import gathered_flow
 from granpipe.homogenize.statistics import LEAST_BLOCKS
 from granpipe.planning.plan import Plan
-from granpipe.run.averages import Conserved, after_transient, conserved_field
+from granpipe.run.averages import AveragedField, after_transient, averaged_field
 from granpipe.run.gates import Gate, error_gates, level_flow_gates, missing_time
 
 
@@ -74,15 +74,15 @@ class RunningAverage:
         return self.convergence.reached
 
 
-def average_gates(plan: Plan, conserved: Conserved, steady: Sums) -> list[Gate]:
+def average_gates(plan: Plan, averaged: AveragedField, steady: Sums) -> list[Gate]:
     """The gates that a longer average can pass."""
-    field, plug, target = conserved.field, conserved.plug, plan.case.dem.statistical_error
+    field, plug, target = averaged.field, averaged.plug, plan.case.dem.statistical_error
     assert field.raw_flux_z is not None
     gates = level_flow_gates(
         level_flow(field.raw_flux_z, field.grid), gathered_flow(steady, plug.z_range), plug.solids_flow
     )
     if target is not None:
-        errors, effective = conserved.figures.get("statistical_error", {}), conserved.figures["effective_blocks"]
+        errors, effective = averaged.figures.get("statistical_error", {}), averaged.figures["effective_blocks"]
         gates += error_gates(errors, effective, target, steady.duration)
     return gates
 
@@ -100,13 +100,13 @@ class StatisticalErrorCriterion:
             return Convergence()
         try:
             steady = after_transient(sums, plan.case)
-            conserved = conserved_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter)
+            averaged = averaged_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter)
         except DataError:
             return Convergence()  # no flow at some level yet, or the filling still changes too fast
-        target, errors = plan.case.dem.statistical_error, conserved.figures.get("statistical_error", {})
+        target, errors = plan.case.dem.statistical_error, averaged.figures.get("statistical_error", {})
         if target is None or not errors:
             return Convergence(errors)
         whole = merge(steady)
-        reached = all(gate.passed for gate in average_gates(plan, conserved, whole))
-        effective = conserved.figures["effective_blocks"]
+        reached = all(gate.passed for gate in average_gates(plan, averaged, whole))
+        effective = averaged.figures["effective_blocks"]
         return Convergence(errors, reached, missing_time(errors, effective, target, whole.duration))

@@ -18,9 +18,9 @@ from granpipe.homogenize.statistics import (
     turnovers,
 )
 from granpipe.planning.plan import Plan
-from granpipe.run.averages import Levels, after_transient, conserved_field
+from granpipe.run.averages import Levels, after_transient, averaged_field
 from granpipe.run.convergence import average_gates
-from granpipe.run.extra_fields import Summed
+from granpipe.run.extra_fields import ExtraSums
 from granpipe.run.gates import (
     breach_gate,
     overlap_gates,
@@ -37,18 +37,18 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
     settings = plan.dem
     parts = [sums for production in productions for sums in production.sums()]
     steady = after_transient(parts, plan.case)
-    conserved = conserved_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
-    field = replace(conserved.field, extra=Summed.of(plan).arrays(steady, conserved.field.inside_fraction))
+    averaged = averaged_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
+    field = replace(averaged.field, extra=ExtraSums.of(plan).arrays(steady, averaged.field.inside_fraction))
     settled = [read_json(production.settled / "settle.json") for production in productions]
     reports = [production.reports() for production in productions]
-    figures = conserved.figures | run_statistics(steady, plan.case.outline.levels)
+    figures = averaged.figures | run_statistics(steady, plan.case.outline.levels)
     return ModelResult(
         field=field,
         gates=(
-            *average_gates(plan, conserved, merge(steady)),
+            *average_gates(plan, averaged, merge(steady)),
             *(size_gate(bed["mass_share"], bed["wanted_mass_share"]) for bed in settled),
             *overlap_gates(settled[0]["overlap"]["mean"], settled[0]["overlap"]["p99"]),
-            packing_gate(conserved.plug.packing),
+            packing_gate(averaged.plug.packing),
             *map(breach_gate, plan.breaches),
         ),
         figures=figures
@@ -56,8 +56,8 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
             "averaged_from_s": min(sums.start for sums in steady),
             "averaged_to_s": max(sums.stop for sums in steady),
             "averaged_plate_travel_m": merge(steady).duration * settings.plate_speed,
-            "solids_flow_m3_per_s": conserved.plug.solids_flow,
-            "bulk_packing": conserved.plug.packing,
+            "solids_flow_m3_per_s": averaged.plug.solids_flow,
+            "bulk_packing": averaged.plug.packing,
             "particles": [run[-1]["particles"] for run in reports],
             "youngs_modulus_pa": settings.youngs_modulus,
             "time_step_s": settings.time_step,

@@ -25,7 +25,7 @@ from granpipe.planning.plan import Plan
 from granpipe.progress import Silent
 from granpipe.run.context import Context
 from granpipe.run.convergence import Criterion, RunningAverage
-from granpipe.run.extra_fields import Summed
+from granpipe.run.extra_fields import ExtraSums
 from granpipe.run.production import Production, ProductionRun, copy_walls, limits_of, write_hashes
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.pool import Task, run_together
@@ -133,7 +133,7 @@ class _Replica:
         self.settle_key = key_of("settle", _VERSION, part)
         settled, grid = self.store.folder("settle", self.settle_key), plan.grid
         part = {"deck": produce, "settled": settled.name, "cell": grid.cell, "z": [grid.z_edges[0], grid.z_edges[-1]]}
-        part |= Summed.of(plan).key
+        part |= ExtraSums.of(plan).key
         self.produce_key = key_of("produce", _VERSION, part)
         self.production_run = ProductionRun(
             self.store.folder("produce", self.produce_key), self.plan, settled, self.deck, number

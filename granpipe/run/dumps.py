@@ -22,9 +22,9 @@ from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard
 from granpipe.homogenize.average import Collector, Extra, Sums, merge
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.run.averages import conserved_field
+from granpipe.run.averages import averaged_field
 from granpipe.run.dump_grid import Frame, grid_round
-from granpipe.run.extra_fields import Summed, with_derived
+from granpipe.run.extra_fields import ExtraSums, with_derived
 from granpipe.system.store import publishing
 
 _SEGMENTS = 20
@@ -78,19 +78,19 @@ def homogenize_files(request: Request, case: Case | None) -> Homogenized:
         raise DataError(f"a case describes a vessel of revolution: leave out --plane {request.frame.plane} or --case")
     outline = Outline.from_case(case)
     grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, request.frame.cell)
-    summed = _summed(case, outline)
-    parts, sampling = _sampled(request, grid, diameter, summed.extras)
-    field = conserved_field(case, outline, parts, diameter).field
-    field = replace(field, extra=summed.arrays(parts, field.inside_fraction))
+    extra = _extra_sums(case, outline)
+    parts, sampling = _sampled(request, grid, diameter, extra.extras)
+    field = averaged_field(case, outline, parts, diameter).field
+    field = replace(field, extra=extra.arrays(parts, field.inside_fraction))
     return Homogenized(with_derived(field, case.homogenize.fields)[0], sampling, case.homogenize.method)
 
 
-def _summed(case: Case, outline: Outline) -> Summed:
+def _extra_sums(case: Case, outline: Outline) -> ExtraSums:
     """What the case asks for beside the field; DataError for what dumps of particles do not tell."""
     if "wall_pressure" in case.homogenize.fields:
         raise DataError("dumps of particles hold no forces: take wall_pressure out of homogenize.fields")
     classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
-    return Summed(case.homogenize.fields, outline, classes)
+    return ExtraSums(case.homogenize.fields, outline, classes)
 
 
 def _plain(parts: list[Sums], diameter: float) -> tuple[Field, str]:

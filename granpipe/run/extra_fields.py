@@ -34,7 +34,7 @@ PIECES_PER_DIAMETER = 1
 _SUMMED = ("size_classes", "wall_slip", "wall_pressure")
 
 
-class Summed:
+class ExtraSums:
     """What is collected from particles for a case beside volume and flow.
 
     Parameters
@@ -50,7 +50,7 @@ class Summed:
         self._pieces = WallPieces.of(outline, self.diameter / PIECES_PER_DIAMETER)
 
     @classmethod
-    def of(cls, plan: Plan) -> Summed:
+    def of(cls, plan: Plan) -> ExtraSums:
         """What production collects."""
         return cls(plan.case.homogenize.fields, plan.outline, plan.dem.classes)
 

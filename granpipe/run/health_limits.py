@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from granpipe.dem import contact
-from granpipe.dem.health import Surroundings
+from granpipe.dem.health import FlowLimits
 from granpipe.dem.settings import PACKING, Settings
 from granpipe.field import Array, Mask
+from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
-from granpipe.geometry.passages import find_passages
-from granpipe.geometry.segments import inside_polygon
+from granpipe.geometry.polyline import inside_polygon
 
 PROFILE = 2.0
 """Fastest over mean speed of a level, at most: a hopper's axis has twice the wall's speed."""
@@ -18,22 +18,22 @@ PROFILE = 2.0
 _ROWS = 1000
 
 
-def surroundings(outline: Outline, settings: Settings, wall_friction: float) -> Surroundings:
+def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> FlowLimits:
     """Walls, openings and the scales of the flow."""
     speed = settings.inlet_speed * (outline.inlet_radius / outline.outlet_radius) ** 2
     bulk_flow = speed * np.pi * outline.outlet_radius**2
-    passages = find_passages(outline)
+    openings = find_openings(outline)
     # a stream leaves the highest opening with something below it to fall into; a plug sits on the plate
-    edges = [passage for passage in passages if settings.open_outlet or passage.z > outline.z_bottom]
-    return Surroundings(
+    edges = [opening for opening in openings if settings.open_outlet or opening.z > outline.z_bottom]
+    return FlowLimits(
         inside=lambda r, z: _inside(outline, r, z),
-        levels={f"{passage.name} at z = {passage.z:.4g} m": passage.z for passage in passages},
+        levels={f"{opening.name} at z = {opening.z:.4g} m": opening.z for opening in openings},
         flow=PACKING * bulk_flow,
         speed=speed,
         flow_energy=_flow_energy(outline, bulk_flow),
         elastic_energy=_elastic_energy(outline, settings, wall_friction),
-        fall=max((passage.z - settings.bottom for passage in edges), default=0.0),
-        brink=max((passage.area for passage in edges), default=0.0),
+        fall=max((opening.z - settings.bottom for opening in edges), default=0.0),
+        brink=max((opening.area for opening in edges), default=0.0),
     )
 
 

@@ -25,8 +25,8 @@ from granpipe.homogenize.average import Collector, Sums
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
 from granpipe.run.convergence import RunningAverage
-from granpipe.run.extra_fields import Summed
-from granpipe.run.health_limits import surroundings
+from granpipe.run.extra_fields import ExtraSums
+from granpipe.run.health_limits import flow_limits
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.store import check_space, digest, evidence_kept, publishing, sweep
 
@@ -165,7 +165,7 @@ class ProductionRun:
         """The health to be kept by a run that starts from this bed."""
         settings = self.settings
         friction = self.plan.case.contact.wall.friction
-        vessel = surroundings(self.plan.outline, settings, friction)
+        vessel = flow_limits(self.plan.outline, settings, friction)
         catcher = settings.plate_z - self.deck.catcher_depth if settings.open_outlet else float("-inf")
         fallen = int((bed.position[:, 2] < catcher).sum())
         return FlowHealth(settings, self.plan.case, vessel, len(bed), fallen)
@@ -199,8 +199,8 @@ class _Watch:
         self.run, self.process, self.work = run, process, process.folder
         self.progress, self.average = progress, average
         self.settings, self.health = run.settings, health
-        self.summed = Summed.of(run.plan)
-        self.collector = Collector(run.plan.grid, "displacement", extras=self.summed.extras)
+        self.extra_sums = ExtraSums.of(run.plan)
+        self.collector = Collector(run.plan.grid, "displacement", extras=self.extra_sums.extras)
         self.segment = done + 1
         self.next_step = done * self.settings.segment_steps
         self.start_step, self.started = self.next_step, time.monotonic()
@@ -254,7 +254,7 @@ class _Watch:
         begun = time.process_time()
         snapshot = read_snapshot(path, DUMP_COLUMNS)
         self.collector.add(self.next_step * self.settings.time_step, snapshot)
-        beside = self.summed.observed(self.work, self.next_step)
+        beside = self.extra_sums.observed(self.work, self.next_step)
         if self.next_step > self.start_step:  # the first belongs to the segment before
             self.collector.observe(beside)
         self.count = len(snapshot)

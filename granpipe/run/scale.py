@@ -10,8 +10,8 @@ from granpipe.dem.settings import BEVERLOO_SHARE, free_flow
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import RunError
 from granpipe.field import Field
+from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
-from granpipe.geometry.passages import find_passages
 from granpipe.planning.flow import target_flow
 from granpipe.run.results import write_exports
 from granpipe.system.store import publishing
@@ -36,9 +36,9 @@ def scale_results(source: Path, case: Case, target: Path) -> str:
 
 
 def _warning(case: Case, flow: float) -> str:
-    passages = [passage for passage in find_passages(Outline.from_case(case)) if passage.required]
+    openings = [opening for opening in find_openings(Outline.from_case(case)) if opening.required]
     particle = size_classes(case.material.size).mean_diameter
-    narrowest = min(passages, key=lambda passage: free_flow(passage, particle))
+    narrowest = min(openings, key=lambda opening: free_flow(opening, particle))
     free = free_flow(narrowest, particle)
     if flow <= BEVERLOO_SHARE * free:
         return ""

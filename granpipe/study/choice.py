@@ -16,7 +16,7 @@ from typing import Any
 from granpipe.case.schema import Case, CaseFile, resolve
 from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError, DataError
-from granpipe.geometry.passages import find_passages
+from granpipe.geometry.openings import find_openings
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.study.budget import PLAIN, Option, advise, percent
 from granpipe.study.points import study_name
@@ -202,7 +202,7 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
 
 def _narrowness(plan: Plan) -> float:
     """Width of the narrowest opening over d90."""
-    return min(passage.gap for passage in find_passages(plan.outline) if passage.required) / plan.dem.classes.d90
+    return min(opening.gap for opening in find_openings(plan.outline) if opening.required) / plan.dem.classes.d90
 
 
 def _turnover(plan: Plan) -> float:

@@ -22,7 +22,7 @@ from granpipe.homogenize.coarsen import coarsened
 from granpipe.homogenize.psi_field import BLOCKS
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, effective_samples, standard_error
 from granpipe.planning.plan import Plan
-from granpipe.run.averages import after_transient, conserved_field, statistical_errors
+from granpipe.run.averages import after_transient, averaged_field, statistical_errors
 from granpipe.run.production import Production
 from granpipe.system.jsonfile import read_json
 
@@ -145,7 +145,7 @@ def field_of(plan: Plan, steady: Sequence[Sums], method: Method = PSI) -> Averag
         raise DataError(f"{len(steady)} segments give no standard error; at least {LEAST_BLOCKS} are needed")
     parts = [coarsened(sums, method.joined) for sums in steady]
     case, diameter = _by(plan.case, method.name), plan.dem.classes.sauter_diameter
-    made = conserved_field(case, plan.outline, parts, diameter)
+    made = averaged_field(case, plan.outline, parts, diameter)
     if method.name == "psi":
         inside = plan.outline.inside_fraction(plan.grid)
         return Average(refined(made.field, plan.grid, inside, method.joined), made.figures["effective_blocks"])
@@ -153,7 +153,7 @@ def field_of(plan: Plan, steady: Sequence[Sums], method: Method = PSI) -> Averag
         flux_r, flux_z = merge(parts).mean_flux
         return _with_errors(replace(made.field, flux_r=flux_r, flux_z=flux_z), parts, lambda block: block.mean_flux)
     return _with_errors(
-        made.field, parts, lambda block: _flux(conserved_field(case, plan.outline, [block], diameter).field)
+        made.field, parts, lambda block: _flux(averaged_field(case, plan.outline, [block], diameter).field)
     )
 
 

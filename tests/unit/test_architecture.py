@@ -111,7 +111,7 @@ def prints_or_exits(source: Path) -> set[str]:
 def text_files() -> Iterator[Path]:
     inside = (file for folder in TREE for file in (ROOT / folder).rglob("*"))
     for file in [*ROOT.glob("*.*"), *ROOT.glob("*file"), *inside]:
-        if file.is_file() and "__pycache__" not in file.parts and file.stat().st_size < 1e6:
+        if file.is_file() and file.name != ".git" and "__pycache__" not in file.parts and file.stat().st_size < 1e6:
             yield file
 
 

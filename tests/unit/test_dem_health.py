@@ -14,7 +14,7 @@ from granpipe.dem.health import FillingHealth, FlowHealth
 from granpipe.dem.run import Status
 from granpipe.errors import RunError
 from granpipe.planning.plan import make_plan
-from granpipe.run.health_limits import surroundings
+from granpipe.run.health_limits import flow_limits
 
 RADIUS = 0.01
 MASS = 4 / 3 * math.pi * RADIUS**3 * 2000
@@ -24,7 +24,7 @@ SPEED = 0.03  # of the plate in the tiny case
 def health(tiny: Path, present: int = 100, **changes: str) -> FlowHealth:
     case = load_case(tiny, {key.replace("__", "."): value for key, value in changes.items()})
     plan = make_plan(case)
-    return FlowHealth(plan.dem, case, surroundings(plan.outline, plan.dem, case.contact.wall.friction), present)
+    return FlowHealth(plan.dem, case, flow_limits(plan.outline, plan.dem, case.contact.wall.friction), present)
 
 
 def status(step: int = 0, particles: int = 100, energy: float = 1e-3, inserted: int = 0, discharged: int = 0) -> Status:
@@ -64,7 +64,7 @@ def test_what_had_fallen_before_a_resume_may_go_unseen_and_no_more(tiny: Path) -
     case = load_case(tiny)
     plan = make_plan(case)
     watch = FlowHealth(
-        plan.dem, case, surroundings(plan.outline, plan.dem, case.contact.wall.friction), present=100, fallen=2
+        plan.dem, case, flow_limits(plan.outline, plan.dem, case.contact.wall.friction), present=100, fallen=2
     )
     for left in (100, 99, 98):
         watch.row(status(particles=left))

@@ -15,7 +15,7 @@ from granpipe.export.tables import write_tables
 from granpipe.export.vtk import write_vtu
 from granpipe.planning.plan import make_plan
 from granpipe.planning.submodel import sub_case
-from granpipe.run.extra_fields import Summed, particle_velocity, with_derived
+from granpipe.run.extra_fields import ExtraSums, particle_velocity, with_derived
 
 ROOT = Path(__file__).parents[2]
 
@@ -106,9 +106,9 @@ def test_the_key_of_the_sums_follows_what_is_collected():
         make_plan(load_case(ROOT / "cases" / "smoke.yaml", {"homogenize.fields": fields}))
         for fields in ("[residence_time]", "[wall_slip]")
     )
-    assert Summed.of(plain).key == {}
-    assert not Summed.of(plain).extras
-    assert Summed.of(other).key["extra"] == ["wall_slip"]
+    assert ExtraSums.of(plain).key == {}
+    assert not ExtraSums.of(plain).extras
+    assert ExtraSums.of(other).key["extra"] == ["wall_slip"]
 
 
 def test_residence_times_need_a_stream_function():

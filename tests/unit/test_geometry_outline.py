@@ -1,4 +1,4 @@
-"""Outline: what it refuses and says, areas, intervals, passages."""
+"""Outline: what it refuses and says, areas, intervals, openings."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,8 +8,8 @@ import pytest
 
 from granpipe.case.schema import load_case
 from granpipe.errors import CaseError
+from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
-from granpipe.geometry.passages import find_passages
 
 
 @dataclass(frozen=True)
@@ -108,12 +108,6 @@ def test_bad_sections_are_refused_with_place_and_reason(sections, name, words):
     assert words in str(caught.value)
 
 
-def test_sections_say_which_heights_they_leave_out():
-    assert Outline.of(PIPE, sections={"a": Levels(2, 1.5), "b": Levels(1, 0.5)}).section_gaps() == [(1.5, 1), (0.5, 0)]
-    assert Outline.of(PIPE, sections={"b": Levels(1, 0), "a": Levels(2, 1)}).section_gaps() == []
-    assert Outline.of(PIPE).section_gaps() == [(2, 0)]
-
-
 def test_area_and_slope_at_a_corner_depend_on_the_side():
     reactor = Outline.of(REACTOR, {"ring": RING})
     assert reactor.area(3.4, "above") == pytest.approx(np.pi * 0.25, rel=1e-14)
@@ -161,10 +155,10 @@ def test_direction_of_a_polygon_does_not_matter():
 
 
 def named(outline):
-    return {passage.name: passage for passage in find_passages(outline)}
+    return {opening.name: opening for opening in find_openings(outline)}
 
 
-def test_passages_of_the_test_reactor():
+def test_openings_of_the_test_reactor():
     found = named(Outline.of(REACTOR, {"ring": RING}))
     assert list(found) == ["throat", "opening inside ring", "outlet"]
     assert [p.gap for p in found.values()] == pytest.approx([1.0, 1.5, 2.312])
@@ -174,7 +168,7 @@ def test_passages_of_the_test_reactor():
     assert found["opening inside ring"].key == ("outline", "obstacles", "ring")
 
 
-def test_a_straight_pipe_has_one_passage_and_a_widening_one_two():
+def test_a_straight_pipe_has_one_opening_and_a_widening_one_two():
     assert list(named(Outline.of(PIPE))) == ["outlet"]
     found = named(Outline.of([[0.3, 2], [1, 0]]))
     assert list(found) == ["inlet", "outlet"]
@@ -207,7 +201,7 @@ def test_a_slit_between_two_baffles_is_found_though_no_level_is_narrow():
     assert slit.required
 
 
-def test_a_pocket_is_no_passage():
+def test_a_pocket_is_no_opening():
     cup = [[0.3, 1], [0.9, 1], [0.9, 1.5], [0.8, 1.5], [0.8, 1.1], [0.4, 1.1], [0.4, 1.5], [0.3, 1.5]]
     found = named(Outline.of(PIPE, {"cup": cup}))
     assert set(found) == {"opening inside cup", "gap between cup and the wall", "outlet"}
@@ -219,4 +213,3 @@ def test_the_test_reactor_of_the_cases_is_as_described():
     assert reactor.volume() == pytest.approx(19, abs=0.1)
     assert reactor.area(reactor.z_bottom) == pytest.approx(4.2, abs=0.01)
     assert reactor.stands_on("ring") == "wall"
-    assert reactor.section_gaps() == []

@@ -13,7 +13,7 @@ import numpy as np
 from granpipe.errors import KeyPath
 from granpipe.field import Array
 from granpipe.geometry.contacts import AXIS, WALL
-from granpipe.geometry.segments import chain, closest_approach, crosses, distance_to
+from granpipe.geometry.polyline import closest_approach, crosses, distance_to, edges_of
 from granpipe.geometry.validate import WALL_KEY, obstacle_key
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Passage:
+class Opening:
     """A local narrowing.
 
     Parameters
@@ -58,7 +58,7 @@ class _Channel:
 
 
 @dataclass(frozen=True, eq=False)
-class _Opening:
+class _Junction:
     """Where the channel above a level meets the one below it; None: the straight pipe beyond inlet or outlet."""
 
     z: float
@@ -80,21 +80,21 @@ class _Opening:
             yield self.below, _width(self.below.upper), _width(self.below.lower)
 
 
-def find_passages(outline: Outline) -> tuple[Passage, ...]:
+def find_openings(outline: Outline) -> tuple[Opening, ...]:
     """Every narrowing, from the top down: the outlet, throats, and the gaps beside and between obstacles."""
-    openings = _openings(outline)
-    narrow = [o for o in _narrowest(openings, outline.tolerance) if not outline.groups.joined(*o.sides)]
+    junctions = _junctions(outline)
+    narrow = [o for o in _narrowest(junctions, outline.tolerance) if not outline.groups.joined(*o.sides)]
     gaps: dict[frozenset[str], float] = {}
     found = []
-    for opening in narrow:
-        passage = _as_passage(outline, opening)
-        found.append(passage)
-        pair = frozenset(opening.sides)
-        gaps[pair] = min(passage.gap, gaps.get(pair, np.inf))
+    for junction in narrow:
+        opening = _as_opening(outline, junction)
+        found.append(opening)
+        pair = frozenset(junction.sides)
+        gaps[pair] = min(opening.gap, gaps.get(pair, np.inf))
     return tuple(sorted([*found, *_slits(outline, gaps)], key=lambda p: (-p.z, p.r_inner)))
 
 
-def _openings(outline: Outline) -> list[_Opening]:
+def _junctions(outline: Outline) -> list[_Junction]:
     """Every place where channels meet, level by level from the top."""
     heights = np.concatenate([outline.wall[:, 1], *(polygon[:, 1] for polygon in outline.obstacles.values())])
     levels = _distinct(heights, outline.tolerance)
@@ -106,7 +106,7 @@ def _openings(outline: Outline) -> list[_Opening]:
         for a in above
         for b in below
     ]
-    return [opening for opening in met if opening.width > outline.tolerance]
+    return [junction for junction in met if junction.width > outline.tolerance]
 
 
 def _distinct(heights: Array, tolerance: float) -> list[float]:
@@ -126,11 +126,11 @@ def _width(interval: tuple[float, float]) -> float:
     return interval[1] - interval[0]
 
 
-def _meet(z: float, a: _Channel, b: _Channel, above: _Channel | None, below: _Channel | None) -> _Opening:
+def _meet(z: float, a: _Channel, b: _Channel, above: _Channel | None, below: _Channel | None) -> _Junction:
     (a0, a1), (b0, b1) = a.lower, b.upper
     left = a.sides[0] if a0 >= b0 else b.sides[0]
     right = a.sides[1] if a1 <= b1 else b.sides[1]
-    return _Opening(z, max(a0, b0), min(a1, b1), (left, right), above, below)
+    return _Junction(z, max(a0, b0), min(a1, b1), (left, right), above, below)
 
 
 def _channels(outline: Outline, low: float, high: float) -> list[_Channel]:
@@ -152,15 +152,15 @@ def _channels(outline: Outline, low: float, high: float) -> list[_Channel]:
     return channels
 
 
-def _narrowest(openings: list[_Opening], tolerance: float) -> list[_Opening]:
-    """The openings from which every way leads to a wider one, the lowest of equal ones; and the outlet in any case."""
-    ends: dict[_Channel, list[_Opening]] = defaultdict(list)
-    for opening in openings:
-        for channel, _, _ in opening.ways():
-            ends[channel].append(opening)
+def _narrowest(junctions: list[_Junction], tolerance: float) -> list[_Junction]:
+    """The junctions from which every way leads to a wider one, the lowest of equal ones; and the outlet in any case."""
+    ends: dict[_Channel, list[_Junction]] = defaultdict(list)
+    for junction in junctions:
+        for channel, _, _ in junction.ways():
+            ends[channel].append(junction)
     chosen = []
-    left = set(openings)
-    for first in reversed(openings):
+    left = set(junctions)
+    for first in reversed(junctions):
         if first in left:
             plateau = _plateau(first, ends, tolerance)
             left -= plateau
@@ -170,59 +170,59 @@ def _narrowest(openings: list[_Opening], tolerance: float) -> list[_Opening]:
     return chosen
 
 
-def _plateau(first: _Opening, ends: dict[_Channel, list[_Opening]], tolerance: float) -> set[_Opening]:
-    """The openings that hang together with this one through channels of the same width."""
+def _plateau(first: _Junction, ends: dict[_Channel, list[_Junction]], tolerance: float) -> set[_Junction]:
+    """The junctions that hang together with this one through channels of the same width."""
     plateau, waiting = {first}, [first]
     while waiting:
-        opening = waiting.pop()
-        for channel, near, far in opening.ways():
-            if max(abs(near - opening.width), abs(far - opening.width)) <= tolerance:
-                new = {o for o in ends[channel] if abs(o.width - opening.width) <= tolerance} - plateau
+        junction = waiting.pop()
+        for channel, near, far in junction.ways():
+            if max(abs(near - junction.width), abs(far - junction.width)) <= tolerance:
+                new = {o for o in ends[channel] if abs(o.width - junction.width) <= tolerance} - plateau
                 plateau |= new
                 waiting += new
     return plateau
 
 
-def _leads_narrower(opening: _Opening, ends: dict[_Channel, list[_Opening]], tolerance: float) -> bool:
+def _leads_narrower(junction: _Junction, ends: dict[_Channel, list[_Junction]], tolerance: float) -> bool:
     """Whether a channel from here narrows, or leads at its own width to something narrower."""
-    for channel, near, far in opening.ways():
-        if near > opening.width + tolerance or far > opening.width + tolerance:
+    for channel, near, far in junction.ways():
+        if near > junction.width + tolerance or far > junction.width + tolerance:
             continue
-        if far < opening.width - tolerance:
+        if far < junction.width - tolerance:
             return True
-        if any(o.width < opening.width - tolerance for o in ends[channel]):
+        if any(o.width < junction.width - tolerance for o in ends[channel]):
             return True
     return False
 
 
-def _as_passage(outline: Outline, opening: _Opening) -> Passage:
-    left, right = opening.sides
+def _as_opening(outline: Outline, junction: _Junction) -> Opening:
+    left, right = junction.sides
     required = outline.groups.bridged_by(left, right)
-    name, key = _describe(outline, opening)
+    name, key = _describe(outline, junction)
     if left == AXIS:
-        area = float(np.pi * opening.r1**2)
-        return Passage(name, opening.z, 0.0, opening.r1, 2 * opening.r1, area, required, key)
-    ends = np.array([[opening.r0, opening.z], [opening.r1, opening.z]])
+        area = float(np.pi * junction.r1**2)
+        return Opening(name, junction.z, 0.0, junction.r1, 2 * junction.r1, area, required, key)
+    ends = np.array([[junction.r0, junction.z], [junction.r1, junction.z]])
     across = [
-        opening.width,
+        junction.width,
         float(distance_to(ends[:1], _border(outline, right))[0]),
         float(distance_to(ends[1:], _border(outline, left))[0]),
     ]
     gap = min(across)
-    area = float(np.pi * (opening.r0 + opening.r1) * gap)
-    return Passage(name, opening.z, opening.r0, opening.r1, gap, area, required, key)
+    area = float(np.pi * (junction.r0 + junction.r1) * gap)
+    return Opening(name, junction.z, junction.r0, junction.r1, gap, area, required, key)
 
 
-def _describe(outline: Outline, opening: _Opening) -> tuple[str, KeyPath]:
+def _describe(outline: Outline, junction: _Junction) -> tuple[str, KeyPath]:
     """What users call the opening, and the key that makes it narrow."""
-    left, right = opening.sides
+    left, right = junction.sides
     blame = next((side for side in (right, left) if side in outline.obstacles), None)
     if blame is None:
-        offset = np.abs(outline.wall - [opening.r1, opening.z]).sum(axis=1)
+        offset = np.abs(outline.wall - [junction.r1, junction.z]).sum(axis=1)
         key: KeyPath = (*WALL_KEY, int(offset.argmin()))
-        name = "outlet" if opening.below is None else "inlet" if opening.above is None else "throat"
+        name = "outlet" if junction.below is None else "inlet" if junction.above is None else "throat"
         return name, key
-    if opening.below is None:
+    if junction.below is None:
         return f"outlet beside {blame}", obstacle_key(blame)
     return (f"opening inside {right}" if left == AXIS else _gap_name(left, right)), obstacle_key(blame)
 
@@ -233,10 +233,10 @@ def _gap_name(a: str, b: str) -> str:
 
 
 def _border(outline: Outline, side: str) -> Array:
-    return chain(outline.wall) if side == WALL else chain(outline.obstacles[side], closed=True)
+    return edges_of(outline.wall) if side == WALL else edges_of(outline.obstacles[side], closed=True)
 
 
-def _slits(outline: Outline, known: dict[frozenset[str], float]) -> Iterator[Passage]:
+def _slits(outline: Outline, known: dict[frozenset[str], float]) -> Iterator[Opening]:
     """Gaps that no horizontal cut shows: between solids of which one hangs over the other."""
     for a, b in combinations((*outline.obstacles, WALL), 2):
         if outline.groups.joined(a, b):
@@ -248,7 +248,7 @@ def _slits(outline: Outline, known: dict[frozenset[str], float]) -> Iterator[Pas
             area = float(np.pi * (r_inner + r_outer) * gap)
             required = outline.groups.bridged_by(a, b)
             z = float(ends[:, 1].mean())
-            yield Passage(_gap_name(a, b), z, float(r_inner), float(r_outer), gap, area, required, obstacle_key(a))
+            yield Opening(_gap_name(a, b), z, float(r_inner), float(r_outer), gap, area, required, obstacle_key(a))
 
 
 def _is_slit(outline: Outline, ends: Array, gap: float, pair: set[str]) -> bool:

@@ -1,4 +1,4 @@
-"""Line segments in the (r, z) plane: distances, crossings, winding. All functions take and give plain arrays."""
+"""Edges of polylines in the (r, z) plane: distances, crossings, winding. All functions take and give plain arrays."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from granpipe.field import Array, Mask
 
 
-def chain(points: Array, closed: bool = False) -> Array:
-    """Segments (n, 2, 2) that join the points (n or n+1, 2) in order; [segment, end, (r, z)]."""
+def edges_of(points: Array, closed: bool = False) -> Array:
+    """Edges (n, 2, 2) that join the points (n or n+1, 2) in order: [edge, end, (r, z)]."""
     following = np.roll(points, -1, axis=0)
     joined = np.stack([points, following], axis=1)
     return joined if closed else joined[:-1]
@@ -19,18 +19,18 @@ def cross(a: Array, b: Array) -> Array:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def nearest_points(points: Array, segments: Array) -> tuple[Array, Array]:
-    """Distance (n, m) from each point (n, 2) to each segment (m, 2, 2), and the nearest points (n, m, 2)."""
-    start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
+def nearest_points(points: Array, edges: Array) -> tuple[Array, Array]:
+    """Distance (n, m) from each point (n, 2) to each edge (m, 2, 2), and the nearest points (n, m, 2)."""
+    start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     length2 = np.maximum(np.sum(along**2, axis=-1), np.finfo(float).tiny)
     part = np.clip(np.sum((points[:, None] - start) * along, axis=-1) / length2, 0.0, 1.0)
     foot = start + part[..., None] * along
     return np.linalg.norm(points[:, None] - foot, axis=-1), foot
 
 
-def distance_to(points: Array, segments: Array) -> Array:
-    """(n,) distance from each point (n, 2) to the nearest of the segments (m, 2, 2)."""
-    return np.asarray(nearest_points(points, segments)[0].min(axis=1))
+def distance_to(points: Array, edges: Array) -> Array:
+    """(n,) distance from each point (n, 2) to the nearest of the edges (m, 2, 2)."""
+    return np.asarray(nearest_points(points, edges)[0].min(axis=1))
 
 
 def crossing_parts(a: Array, b: Array) -> Array:
@@ -46,12 +46,12 @@ def crossing_parts(a: Array, b: Array) -> Array:
 
 
 def crosses(a: Array, b: Array) -> Mask:
-    """(n, m) whether segment a[i] meets b[j] (parallel overlaps excepted)."""
+    """(n, m) whether edge a[i] meets b[j] (parallel overlaps excepted)."""
     return np.asarray(~np.isnan(crossing_parts(a, b)))
 
 
 def closest_approach(a: Array, b: Array) -> tuple[float, Array, Array]:
-    """Smallest distance between two sets of segments, and the points on a and on b where it is reached."""
+    """Smallest distance between two sets of edges, and the points on a and on b where it is reached."""
     met = crossing_parts(a, b)
     if not np.isnan(met).all():
         i, j = np.unravel_index(np.nanargmin(met), met.shape)
@@ -66,14 +66,14 @@ def closest_approach(a: Array, b: Array) -> tuple[float, Array, Array]:
     return float(from_b[i, j]), foot_on_a[i, j], b.reshape(-1, 2)[i]
 
 
-def pieces(segments: Array, cutters: Array) -> Array:
-    """The segments (n, 2, 2) cut where the cutters meet them: (k, 2, 2)."""
-    parts = crossing_parts(segments, cutters)
+def pieces(edges: Array, cutters: Array) -> Array:
+    """The edges (n, 2, 2) cut where the cutters meet them: (k, 2, 2)."""
+    parts = crossing_parts(edges, cutters)
     cut = []
-    for segment, met in zip(segments, parts, strict=True):
+    for edge, met in zip(edges, parts, strict=True):
         at = np.unique(np.concatenate([[0.0, 1.0], met[~np.isnan(met)]]))
-        points = segment[0] + at[:, None] * (segment[1] - segment[0])
-        cut.append(chain(points))
+        points = edge[0] + at[:, None] * (edge[1] - edge[0])
+        cut.append(edges_of(points))
     return np.concatenate(cut)
 
 
@@ -84,36 +84,39 @@ def signed_area(polygon: Array) -> float:
 
 def inside_polygon(points: Array, polygon: Array) -> Mask:
     """(n,) whether each point lies inside the closed polygon (m, 2), by the even–odd rule."""
-    edges = chain(polygon, closed=True)
-    (r0, z0), (r1, z1) = edges[:, 0].T, edges[:, 1].T
+    return enclosed(points, edges_of(polygon, closed=True))
+
+
+def enclosed(points: Array, edges: Array) -> Mask:
+    """(n,) whether each point lies inside what edges (m, 2, 2) in any order enclose, by the even–odd rule."""
+    (r0, z0), (r1, z1) = edges.transpose(1, 2, 0)
     r, z = points[:, :1], points[:, 1:]
     spans = (z0 > z) != (z1 > z)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        to_the_right = r < r0 + (z - z0) * (r1 - r0) / (z1 - z0)
-    return np.asarray((spans & to_the_right).sum(axis=1) % 2 == 1)
+    slope = np.divide(r1 - r0, z1 - z0, out=np.zeros_like(r0), where=z1 != z0)
+    return np.asarray((spans & (r < r0 + (z - z0) * slope)).sum(axis=1) % 2 == 1)
 
 
 def gaps(a: Array, b: Array) -> Array:
-    """(n, m) distance between every segment of a and every segment of b; 0 where they cross."""
+    """(n, m) distance between every edge of a and every edge of b; 0 where they cross."""
     ends_of_a = nearest_points(a.reshape(-1, 2), b)[0].reshape(len(a), 2, len(b)).min(axis=1)
     ends_of_b = nearest_points(b.reshape(-1, 2), a)[0].reshape(len(b), 2, len(a)).min(axis=1).T
     return np.where(crosses(a, b), 0.0, np.minimum(ends_of_a, ends_of_b))
 
 
-def self_contact(segments: Array, tolerance: float, closed: bool) -> tuple[int, int] | None:
-    """First two segments of one chain that meet although they are not neighbours, or that fold back on each other."""
-    count = len(segments)
+def self_contact(edges: Array, tolerance: float, closed: bool) -> tuple[int, int] | None:
+    """First two edges of one polyline that meet although they are not neighbours, or that fold back on each other."""
+    count = len(edges)
     index = np.arange(count)
     apart = np.abs(index[:, None] - index)
     if closed:
         apart = np.minimum(apart, count - apart)
-    along = segments[:, 1] - segments[:, 0]
+    along = edges[:, 1] - edges[:, 0]
     following = np.roll(along, -1, axis=0)
     flat = np.abs(cross(along, following)) <= 1e-9 * np.linalg.norm(along, axis=1) * np.linalg.norm(following, axis=1)
     folds = flat & (np.sum(along * following, axis=1) < 0)
     if not closed:
         folds[-1] = False
-    bad = (gaps(segments, segments) <= tolerance) & (apart > 1)
+    bad = (gaps(edges, edges) <= tolerance) & (apart > 1)
     bad[index[folds], (index[folds] + 1) % count] = True
     found = np.argwhere(bad)
     return (int(found[0].min()), int(found[0].max())) if len(found) else None
