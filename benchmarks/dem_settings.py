@@ -18,9 +18,9 @@ from run import machine
 from granpipe.analysis.compare import Difference, compare
 from granpipe.case.schema import Case, CaseFile, read_case
 from granpipe.field import Field
+from granpipe.pipeline.run import run_case
 from granpipe.planning.plan import make_plan
 from granpipe.progress import Silent
-from granpipe.run.pipeline import run_case
 
 ROOT = Path(__file__).parents[1]
 SCENE = ROOT / "cases" / "smoke.yaml"

@@ -72,7 +72,7 @@ def main() -> None:
 @click.option("--total-error", metavar="ERROR", help="Take the cheapest setting that the case's study found so good.")
 def run(case: Path, overrides: tuple[str, ...], results: Path, total_error: str | None) -> None:
     """Run CASE: from the outline to field, COMSOL files and pictures."""
-    from granpipe.run.pipeline import run_case
+    from granpipe.pipeline.run import run_case
 
     file, chosen = _read(case, overrides), None
     if total_error is not None:
@@ -98,9 +98,9 @@ def run(case: Path, overrides: tuple[str, ...], results: Path, total_error: str 
 @_SET
 def plan(case: Path, overrides: tuple[str, ...]) -> None:
     """Show what a run of CASE would do, leave out and cost."""
+    from granpipe.pipeline.run import plan_case
     from granpipe.planning.plan import model_plans
     from granpipe.planning.text import plan_text
-    from granpipe.run.pipeline import plan_case
     from granpipe.system.cores import usable_cores
     from granpipe.system.rates import known_rates
 
@@ -111,7 +111,7 @@ def plan(case: Path, overrides: tuple[str, ...]) -> None:
 @main.command()
 def calibrate() -> None:
     """Measure how fast this machine is, by a run of half a minute; plans then forecast their times by it."""
-    from granpipe.run.calibrate import calibrate as measure
+    from granpipe.pipeline.calibrate import calibrate as measure
     from granpipe.system.doctor import require
     from granpipe.system.rates import machine
 
@@ -128,7 +128,7 @@ def calibrate() -> None:
 @_SET
 def check(case: Path, overrides: tuple[str, ...]) -> None:
     """Check CASE without running it."""
-    from granpipe.run.pipeline import plan_case
+    from granpipe.pipeline.run import plan_case
     from granpipe.system.cores import usable_cores
 
     made = plan_case(_read(case, overrides), usable_cores())
@@ -181,7 +181,7 @@ def doctor() -> None:
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the new files.")
 def scale(result: Path, flow: str, out: Path) -> None:
     """Write the export files of RESULT, a results folder, for another flow rate, without solving anything."""
-    from granpipe.run.scale import scale_results
+    from granpipe.pipeline.scale import scale_results
 
     file = _read_result(result, (f"flow_rate={flow}",))
     if warning := scale_results(result, file.case, out):
@@ -271,8 +271,8 @@ def homogenize(
     one it is made to conserve on the case's outline.
     """
     from granpipe.case.units import LENGTH, TIME, in_si
-    from granpipe.run.dump_grid import Frame
-    from granpipe.run.dumps import Request, homogenize_files, write_field
+    from granpipe.pipeline.dump_grid import Frame
+    from granpipe.pipeline.dumps import Request, homogenize_files, write_field
 
     def seconds(text: str | None, default: float, option: str) -> float:
         return default if text is None else _quantity(in_si, text, TIME, option)
@@ -362,7 +362,7 @@ def study(
 
     What is done is not repeated. On a cluster, run the command again when the jobs have ended: it makes the report.
     """
-    from granpipe.run.pipeline import plan_case
+    from granpipe.pipeline.run import plan_case
     from granpipe.study.ladder import read_axes
     from granpipe.study.points import make_study
     from granpipe.study.run import prepare_study, report_study

@@ -26,9 +26,9 @@ from granpipe.dem.run import Liggghts
 from granpipe.dem.settings import PACKING, Settings
 from granpipe.errors import CaseError, RunError
 from granpipe.field import Field, Grid
+from granpipe.pipeline.dem_stages import compose_deck, make_walls
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Progress, Silent
-from granpipe.run.dem_stages import compose_deck, make_walls
 from granpipe.system.pool import Task, run_together
 from granpipe.system.store import Store, publishing
 from granpipe.system.versions import library_versions, program_versions

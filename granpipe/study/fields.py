@@ -21,9 +21,9 @@ from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.coarsen import coarsened
 from granpipe.homogenize.psi_field import BLOCKS
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, effective_samples, standard_error
+from granpipe.pipeline.averages import after_transient, averaged_field, statistical_errors
+from granpipe.pipeline.production import Production
 from granpipe.planning.plan import Plan
-from granpipe.run.averages import after_transient, averaged_field, statistical_errors
-from granpipe.run.production import Production
 from granpipe.system.jsonfile import read_json
 
 WINDOWS, SHORTER = 7, 0.8

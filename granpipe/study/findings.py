@@ -18,11 +18,11 @@ from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, cell_vectors, section_rows
 from granpipe.homogenize.statistics import LEAST_BLOCKS
+from granpipe.pipeline.averages import statistical_errors
+from granpipe.pipeline.dem_stages import finished_productions
+from granpipe.pipeline.run import plan_case
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
-from granpipe.run.averages import statistical_errors
-from granpipe.run.dem_stages import finished_productions
-from granpipe.run.pipeline import plan_case
 from granpipe.study.budget import Option, Part
 from granpipe.study.fields import PSI, Method, Ran, field_of, methods_of
 from granpipe.study.limit import Slope, fit_slope

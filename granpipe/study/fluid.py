@@ -13,8 +13,8 @@ from granpipe.field import Grid
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.section import mesh_section
+from granpipe.pipeline.fluid_field import wall_law
 from granpipe.planning.flow import target_flow
-from granpipe.run.fluid_field import wall_law
 from granpipe.study.budget import Option, Part
 from granpipe.study.findings import Findings
 from granpipe.study.ladder import BASE

@@ -13,8 +13,8 @@ from typing import Any
 from granpipe.case.schema import CaseFile, resolve
 from granpipe.case.yamlfile import Places, parse_yaml
 from granpipe.errors import CaseError, GranpipeError
+from granpipe.pipeline.run import plan_case, run_case
 from granpipe.progress import Both, Progress
-from granpipe.run.pipeline import plan_case, run_case
 from granpipe.sweep.file import Sweep
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.state import INTERRUPTED, Recorder

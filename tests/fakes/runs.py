@@ -14,8 +14,8 @@ import numpy as np
 from granpipe.case.schema import CaseFile
 from granpipe.field import level_flow
 from granpipe.homogenize.average import Sums
+from granpipe.pipeline.run import Outcome, run_case
 from granpipe.progress import Silent
-from granpipe.run.pipeline import Outcome, run_case
 
 
 class Stages(Silent):

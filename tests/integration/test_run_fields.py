@@ -11,8 +11,8 @@ import pytest
 
 from granpipe.case.schema import read_case
 from granpipe.field import Field
+from granpipe.pipeline.run import run_case
 from granpipe.progress import Silent
-from granpipe.run.pipeline import run_case
 
 pytestmark = pytest.mark.liggghts
 

@@ -11,8 +11,8 @@ import pytest
 from granpipe.case.schema import read_case
 from granpipe.errors import CaseError
 from granpipe.field import Field, divergence, level_flow
+from granpipe.pipeline.run import Outcome, plan_case, run_case
 from granpipe.progress import Silent
-from granpipe.run.pipeline import Outcome, plan_case, run_case
 
 pytestmark = pytest.mark.liggghts
 

@@ -8,10 +8,10 @@ import pytest
 
 from granpipe.case.schema import load_case
 from granpipe.dem import contact
+from granpipe.pipeline.dem_stages import settle
+from granpipe.pipeline.stiffness import overlap, with_checked_stiffness
 from granpipe.planning.plan import make_plan
 from granpipe.progress import Silent
-from granpipe.run.dem_stages import settle
-from granpipe.run.stiffness import overlap, with_checked_stiffness
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 

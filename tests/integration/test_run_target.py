@@ -12,8 +12,8 @@ import pytest
 from granpipe.case.schema import read_case
 from granpipe.field import Field
 from granpipe.homogenize.average import Sums
+from granpipe.pipeline.run import Outcome, run_case
 from granpipe.progress import Silent
-from granpipe.run.pipeline import Outcome, run_case
 
 pytestmark = pytest.mark.liggghts
 

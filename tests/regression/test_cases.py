@@ -15,9 +15,9 @@ import pytest
 
 from granpipe.case.schema import read_case
 from granpipe.field import Field, level_flow
+from granpipe.pipeline.run import run_case
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Silent
-from granpipe.run.pipeline import run_case
 
 CASES = Path(__file__).parents[2] / "cases"
 PINS = Path(__file__).with_name("pins.json")

@@ -13,8 +13,8 @@ from granpipe.dem.dump import OWN_COLUMNS, Snapshot
 from granpipe.dem.health import FillingHealth, FlowHealth
 from granpipe.dem.run import Status
 from granpipe.errors import RunError
+from granpipe.pipeline.health_limits import flow_limits
 from granpipe.planning.plan import make_plan
-from granpipe.run.health_limits import flow_limits
 
 RADIUS = 0.01
 MASS = 4 / 3 * math.pi * RADIUS**3 * 2000

@@ -13,9 +13,9 @@ from granpipe.case.schema import load_case
 from granpipe.errors import CaseError
 from granpipe.export.tables import write_tables
 from granpipe.export.vtk import write_vtu
+from granpipe.pipeline.extra_fields import ExtraSums, particle_velocity, with_derived
 from granpipe.planning.plan import make_plan
 from granpipe.planning.submodel import sub_case
-from granpipe.run.extra_fields import ExtraSums, particle_velocity, with_derived
 
 ROOT = Path(__file__).parents[2]
 

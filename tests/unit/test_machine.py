@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from granpipe.case.schema import load_case
+from granpipe.pipeline.calibrate import calibration_case
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import assumed_rate, make_plan
-from granpipe.run.calibrate import calibration_case
 from granpipe.system.rates import Rates, keep_rates, known_rates, machine
 
 CASES = Path(__file__).parents[2] / "cases"

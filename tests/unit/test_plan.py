@@ -8,9 +8,9 @@ import pytest
 
 from granpipe.case.schema import load_case, read_case
 from granpipe.errors import CaseError
+from granpipe.pipeline.run import run_case
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Silent
-from granpipe.run.pipeline import run_case
 
 CASES = Path(__file__).parents[2] / "cases"
 

@@ -5,8 +5,8 @@ import pytest
 
 from granpipe.field import Grid
 from granpipe.homogenize.average import Sums
-from granpipe.run.convergence import Convergence, RunningAverage
-from granpipe.run.gates import error_gates, missing_time
+from granpipe.pipeline.convergence import Convergence, RunningAverage
+from granpipe.pipeline.gates import error_gates, missing_time
 
 SECTIONS = {"whole": 0.04, "a": 0.03, "b": 0.06}
 

@@ -12,8 +12,8 @@ from fakes.analytic_flow import COLUMNS, ConvergingFlow, binary_snapshot, snapsh
 from granpipe.case.schema import Case, Outline, Section, load_case
 from granpipe.errors import DataError
 from granpipe.field import level_flow
-from granpipe.run.dump_grid import Frame
-from granpipe.run.dumps import Request, homogenize_files
+from granpipe.pipeline.dump_grid import Frame
+from granpipe.pipeline.dumps import Request, homogenize_files
 
 FLOW = ConvergingFlow(solids_flow=0.01, packing=0.58)
 RADII = np.full(1, 0.02)

@@ -7,14 +7,14 @@ import pytest
 from click.testing import CliRunner
 from fakes.plane_flow import PlaneFlow
 
-import granpipe.run.dump_grid as module
+import granpipe.pipeline.dump_grid as module
 from granpipe.case.schema import load_case
 from granpipe.cli import main
 from granpipe.dem.dump import Snapshot
 from granpipe.errors import DataError
 from granpipe.field import Box
-from granpipe.run.dump_grid import Frame, grid_round
-from granpipe.run.dumps import Request, homogenize_files
+from granpipe.pipeline.dump_grid import Frame, grid_round
+from granpipe.pipeline.dumps import Request, homogenize_files
 
 BOX = np.array([[-1.0, 1.0], [0.0, 0.2], [-5.0, 5.0]])
 

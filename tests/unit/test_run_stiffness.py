@@ -10,10 +10,10 @@ import pytest
 
 from granpipe.case.schema import load_case
 from granpipe.dem import contact
+from granpipe.pipeline import stiffness
+from granpipe.pipeline.context import Context
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Silent
-from granpipe.run import stiffness
-from granpipe.run.context import Context
 from granpipe.system.store import Store
 
 Overlaps = Callable[[float], tuple[float, float]]

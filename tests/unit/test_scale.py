@@ -11,7 +11,7 @@ import pytest
 from granpipe.case.schema import Case, read_case
 from granpipe.errors import RunError
 from granpipe.field import Field, Grid, flux_from_psi
-from granpipe.run.scale import scale_results
+from granpipe.pipeline.scale import scale_results
 
 HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
 

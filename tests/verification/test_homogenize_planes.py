@@ -12,8 +12,8 @@ from granpipe.field import Box, Field, divergence, flux_from_psi, level_flow
 from granpipe.homogenize.assemble import raw_field, unguided_plug
 from granpipe.homogenize.average import Collector
 from granpipe.homogenize.psi_fit import AXIS, WALL, PsiFit, Weights, node_roles
-from granpipe.run.dump_grid import Frame
-from granpipe.run.dumps import Homogenized, Request, homogenize_files, write_field
+from granpipe.pipeline.dump_grid import Frame
+from granpipe.pipeline.dumps import Homogenized, Request, homogenize_files, write_field
 
 SIDE, TALL = (0.0, 0.4), (0.0, 0.5)
 PLANE = Box.within(SIDE, (0.0, 0.2), TALL, 0.02, flat=True, cut=False)

@@ -8,7 +8,7 @@ from scipy.stats import qmc
 from granpipe.field import Grid
 from granpipe.homogenize.assemble import raw_field, unguided_plug
 from granpipe.homogenize.average import Collector
-from granpipe.run.extra_fields import particle_velocity
+from granpipe.pipeline.extra_fields import particle_velocity
 
 RADIUS, HEIGHT = 0.3, 0.4
 GRID = Grid.covering(RADIUS, 0.0, HEIGHT, 0.025)

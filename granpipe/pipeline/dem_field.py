@@ -17,18 +17,18 @@ from granpipe.homogenize.statistics import (
     trend,
     turnovers,
 )
-from granpipe.planning.plan import Plan
-from granpipe.run.averages import Levels, after_transient, averaged_field
-from granpipe.run.convergence import average_gates
-from granpipe.run.extra_fields import ExtraSums
-from granpipe.run.gates import (
+from granpipe.pipeline.averages import Levels, after_transient, averaged_field
+from granpipe.pipeline.convergence import average_gates
+from granpipe.pipeline.extra_fields import ExtraSums
+from granpipe.pipeline.gates import (
     breach_gate,
     overlap_gates,
     packing_gate,
     size_gate,
 )
-from granpipe.run.model_result import ModelResult
-from granpipe.run.production import Production
+from granpipe.pipeline.model_result import ModelResult
+from granpipe.pipeline.production import Production
+from granpipe.planning.plan import Plan
 from granpipe.system.jsonfile import read_json
 
 

@@ -12,8 +12,8 @@ from granpipe.errors import RunError
 from granpipe.field import Field
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
+from granpipe.pipeline.results import write_exports
 from granpipe.planning.flow import target_flow
-from granpipe.run.results import write_exports
 from granpipe.system.store import publishing
 
 

@@ -16,10 +16,10 @@ from granpipe.case.schema import Case
 from granpipe.errors import RunError
 from granpipe.export.report import write_run_report
 from granpipe.field import Field
+from granpipe.pipeline.gates import Gate
+from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Plan
-from granpipe.run.gates import Gate
-from granpipe.run.model_result import ModelResult
 from granpipe.system.jsonfile import write_json
 from granpipe.system.rates import known_rates
 from granpipe.system.store import key_of, publishing

@@ -21,12 +21,12 @@ from granpipe.dem.run import Liggghts, Status
 from granpipe.errors import DataError
 from granpipe.geometry.insertion import insertion_frusta
 from granpipe.geometry.walls import build_walls
+from granpipe.pipeline.context import Context
+from granpipe.pipeline.convergence import Criterion, RunningAverage
+from granpipe.pipeline.extra_fields import ExtraSums
+from granpipe.pipeline.production import Production, ProductionRun, copy_walls, limits_of, write_hashes
 from granpipe.planning.plan import Plan
 from granpipe.progress import Silent
-from granpipe.run.context import Context
-from granpipe.run.convergence import Criterion, RunningAverage
-from granpipe.run.extra_fields import ExtraSums
-from granpipe.run.production import Production, ProductionRun, copy_walls, limits_of, write_hashes
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.pool import Task, run_together
 from granpipe.system.store import Store, digest, evidence_kept, key_of

@@ -10,9 +10,9 @@ from granpipe.field import level_flow
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import gathered_flow
 from granpipe.homogenize.statistics import LEAST_BLOCKS
+from granpipe.pipeline.averages import AveragedField, after_transient, averaged_field
+from granpipe.pipeline.gates import Gate, error_gates, level_flow_gates, missing_time
 from granpipe.planning.plan import Plan
-from granpipe.run.averages import AveragedField, after_transient, averaged_field
-from granpipe.run.gates import Gate, error_gates, level_flow_gates, missing_time
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from granpipe.case.schema import Case, resolve
 from granpipe.case.yamlfile import Places
+from granpipe.pipeline.context import Context
+from granpipe.pipeline.convergence import Convergence
+from granpipe.pipeline.dem_stages import simulate
 from granpipe.planning.plan import make_plan
 from granpipe.progress import Progress
-from granpipe.run.context import Context
-from granpipe.run.convergence import Convergence
-from granpipe.run.dem_stages import simulate
 from granpipe.system.cores import usable_cores
 from granpipe.system.jsonfile import read_json
 from granpipe.system.rates import Rates, keep_rates

@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from granpipe.dem import contact
+from granpipe.pipeline.context import Context
+from granpipe.pipeline.dem_stages import settle
 from granpipe.planning.plan import Plan, decisions_of, make_plan
-from granpipe.run.context import Context
-from granpipe.run.dem_stages import settle
 from granpipe.system.jsonfile import read_json
 
 MOST_RETRIES = 2

@@ -10,12 +10,12 @@ from pathlib import Path
 
 from granpipe.case.schema import CaseFile
 from granpipe.errors import CaseError
+from granpipe.pipeline.context import Context
+from granpipe.pipeline.gates import Gate
+from granpipe.pipeline.model_result import ModelResult
+from granpipe.pipeline.results import check_folder, is_current, results_key, write_results
 from granpipe.planning.plan import Model, Plan, make_plan
 from granpipe.progress import Progress
-from granpipe.run.context import Context
-from granpipe.run.gates import Gate
-from granpipe.run.model_result import ModelResult
-from granpipe.run.results import check_folder, is_current, results_key, write_results
 from granpipe.system.cores import usable_cores
 from granpipe.system.store import Store, digest
 from granpipe.system.versions import library_versions, program_versions
@@ -75,7 +75,7 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
 
 def _with_derived(made: ModelResult, wanted: Sequence[str]) -> ModelResult:
     """The field with what else the case asks for and the field alone can tell."""
-    from granpipe.run.extra_fields import with_derived
+    from granpipe.pipeline.extra_fields import with_derived
 
     field, figures = with_derived(made.field, wanted)
     return replace(made, field=field, figures=made.figures | figures)
@@ -90,15 +90,15 @@ def _digest(file: CaseFile, known: str) -> str:
 
 
 def _with_checked_stiffness(plan: Plan, context: Context) -> Plan:
-    from granpipe.run.stiffness import with_checked_stiffness
+    from granpipe.pipeline.stiffness import with_checked_stiffness
 
     return with_checked_stiffness(plan, context)
 
 
 def _dem(plan: Plan, context: Context) -> ModelResult:
-    from granpipe.run.convergence import StatisticalErrorCriterion
-    from granpipe.run.dem_field import dem_field
-    from granpipe.run.dem_stages import simulate
+    from granpipe.pipeline.convergence import StatisticalErrorCriterion
+    from granpipe.pipeline.dem_field import dem_field
+    from granpipe.pipeline.dem_stages import simulate
 
     productions = simulate(plan, context, StatisticalErrorCriterion(plan))
     context.progress.stage("field")
@@ -106,14 +106,14 @@ def _dem(plan: Plan, context: Context) -> ModelResult:
 
 
 def _fluid(plan: Plan, context: Context) -> ModelResult:
-    from granpipe.run.fluid_field import fluid_field
+    from granpipe.pipeline.fluid_field import fluid_field
 
     context.progress.stage("fluid")
     return fluid_field(plan)
 
 
 def _hybrid(plan: Plan, context: Context) -> ModelResult:
-    from granpipe.run.hybrid_field import hybrid_field
+    from granpipe.pipeline.hybrid_field import hybrid_field
 
     return hybrid_field(plan, context)
 

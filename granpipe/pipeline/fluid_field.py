@@ -8,9 +8,9 @@ from granpipe.case.schema import Case
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid.wall_speed import WallLaw
 from granpipe.geometry.section import mesh_section
+from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
-from granpipe.run.model_result import ModelResult
 from granpipe.rzmesh import RZMesh
 
 

@@ -22,9 +22,9 @@ from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard
 from granpipe.homogenize.average import Collector, Extra, Sums, merge
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.run.averages import averaged_field
-from granpipe.run.dump_grid import Frame, grid_round
-from granpipe.run.extra_fields import ExtraSums, with_derived
+from granpipe.pipeline.averages import averaged_field
+from granpipe.pipeline.dump_grid import Frame, grid_round
+from granpipe.pipeline.extra_fields import ExtraSums, with_derived
 from granpipe.system.store import publishing
 
 _SEGMENTS = 20
@@ -228,7 +228,7 @@ def write_plane(field: Field, case: Case | None, folder: Path) -> None:
     from granpipe.export.nodes import nodal_values
     from granpipe.export.tables import write_tables
     from granpipe.export.vtk import write_vtu
-    from granpipe.run.results import write_comsol_folder
+    from granpipe.pipeline.results import write_comsol_folder
 
     write_vtu(field, folder / "field.vtu")
     write_tables(field, folder)

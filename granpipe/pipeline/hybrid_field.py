@@ -15,15 +15,15 @@ from granpipe.errors import CaseError
 from granpipe.field import Array, Field, Grid, Mask, cell_squares, flux_from_psi
 from granpipe.fluid.fictitious import FluidSolution, solve_fluid, to_field
 from granpipe.fluid.forcing import KnownFlow
+from granpipe.pipeline.context import Context
+from granpipe.pipeline.convergence import StatisticalErrorCriterion
+from granpipe.pipeline.dem_field import dem_field
+from granpipe.pipeline.dem_stages import simulate
+from granpipe.pipeline.fluid_field import section_mesh, wall_law
+from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
 from granpipe.planning.submodel import Span
-from granpipe.run.context import Context
-from granpipe.run.convergence import StatisticalErrorCriterion
-from granpipe.run.dem_field import dem_field
-from granpipe.run.dem_stages import simulate
-from granpipe.run.fluid_field import section_mesh, wall_law
-from granpipe.run.model_result import ModelResult
 
 BAND_CELLS = 2
 """Largest triangle where the fluid follows a known flow, in cells of its grid: larger ones cannot follow its detail."""

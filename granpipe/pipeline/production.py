@@ -22,11 +22,11 @@ from granpipe.dem.run import Liggghts, Limits, Status
 from granpipe.dem.settings import RATE
 from granpipe.errors import DataError
 from granpipe.homogenize.average import Collector, Sums
+from granpipe.pipeline.convergence import RunningAverage
+from granpipe.pipeline.extra_fields import ExtraSums
+from granpipe.pipeline.health_limits import flow_limits
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
-from granpipe.run.convergence import RunningAverage
-from granpipe.run.extra_fields import ExtraSums
-from granpipe.run.health_limits import flow_limits
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.store import check_space, digest, evidence_kept, publishing, sweep
 

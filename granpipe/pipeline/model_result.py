@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from granpipe.field import Field
-from granpipe.run.gates import Gate
+from granpipe.pipeline.gates import Gate
 
 if TYPE_CHECKING:
     from granpipe.fluid.fictitious import FluidSolution
-    from granpipe.run.production import Production
+    from granpipe.pipeline.production import Production
 
 
 @dataclass(frozen=True)
