@@ -15,17 +15,17 @@ from pathlib import Path
 import numpy as np
 from sampling import segments
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.errors import DataError
 from granpipe.field import Array, Grid, Mask
 from granpipe.geometry.outline import Outline
-from granpipe.homogenize.assemble import paper_field, raw_field
+from granpipe.homogenize.assemble import gaussian_field, raw_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, measure_plug, scale_rows
 from granpipe.homogenize.psi_field import psi_field
 
 HERE = Path(__file__).resolve().parent
-METHODS = ("raw", "rows scaled", "paper, 1 pass", "paper, 2 passes", "psi")
+METHODS = ("raw", "rows scaled", "gaussian, 1 pass", "gaussian, 2 passes", "psi")
 PASSES = (0, 1, 2)
 PAIRS = (7, 14, 21, 28, 42)  # of snapshots in a window, beside the whole run
 PLUG_DIAMETERS = 0.25  # height of the plug, in outlet diameters
@@ -120,7 +120,7 @@ class Judge:
         return np.array([self.apart(per_flow(flux, plug.solids_flow)) for flux in fluxes])
 
     def fluxes(self, window: list[Sums], sums: Sums, plug: Plug) -> list[Flux]:
-        fields = [paper_field(sums, self.inside, plug, self.diameter, passes) for passes in PASSES]
+        fields = [gaussian_field(sums, self.inside, plug, self.diameter, passes) for passes in PASSES]
         fields.append(psi_field(window, self.inside, plug, self.diameter).field)
         return [sums.mean_flux, *((field.flux_r, field.flux_z) for field in fields)]
 

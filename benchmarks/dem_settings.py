@@ -16,7 +16,8 @@ import numpy as np
 from run import machine
 
 from granpipe.analysis.compare import Difference, compare
-from granpipe.case.schema import Case, CaseFile, read_case
+from granpipe.case.reader import CaseFile, read_case, varied
+from granpipe.case.schema import Case
 from granpipe.field import Field
 from granpipe.pipeline.run import run_case
 from granpipe.planning.plan import make_plan
@@ -79,7 +80,7 @@ def run(results: Path, base: CaseFile, name: str, speed: float, travel: float, m
         "dem.max_time": repr((START + travel) / speed),
         "homogenize.start": repr(START / speed),
     }
-    outcome = run_case(CaseFile(base.case.varied(changes), base.places), results, Silent())
+    outcome = run_case(CaseFile(varied(base.case, changes), base.places), results, Silent())
     figures = json.loads((outcome.folder / "provenance.json").read_text())["figures"]
     print(name, f"{sum(figures['produce_wall_seconds']):.0f} s", figures["statistical_error"], flush=True)
     return Run(Field.load(outcome.folder / "field.npz"), figures)

@@ -24,13 +24,13 @@ from fakes.converging_scene import (  # noqa: E402
     errors_of,
 )
 
-from granpipe.homogenize.assemble import paper_field  # noqa: E402
+from granpipe.homogenize.assemble import gaussian_field  # noqa: E402
 from granpipe.homogenize.average import Sums, merge  # noqa: E402
 from granpipe.homogenize.conserve import measure_plug  # noqa: E402
 from granpipe.homogenize.psi_field import psi_field  # noqa: E402
 
 SNAPSHOTS = (7, 14, 28, 56, 112, 224)
-METHODS = ("raw", "rows scaled", "paper, 1 pass", "paper, 2 passes", "paper, 4 passes", "psi")
+METHODS = ("raw", "rows scaled", "gaussian, 1 pass", "gaussian, 2 passes", "gaussian, 4 passes", "psi")
 ZONES = ("whole", "wall", "axis", "interior", "u")
 
 
@@ -56,7 +56,7 @@ def errors(parts: list[Sums]) -> np.ndarray:
     """(methods, zones) of one run."""
     sums = merge(parts)
     plug = measure_plug(sums, INSIDE, PLUG, DIAMETER)
-    fields = [paper_field(sums, INSIDE, plug, DIAMETER, passes) for passes in (0, 1, 2, 4)]
+    fields = [gaussian_field(sums, INSIDE, plug, DIAMETER, passes) for passes in (0, 1, 2, 4)]
     fields.append(psi_field(parts, INSIDE, plug, DIAMETER).field)
     fluxes = [sums.mean_flux, *((field.flux_r, field.flux_z) for field in fields)]
     return np.array([[errors_of(*flux)[zone] for zone in ZONES] for flux in fluxes])

@@ -29,7 +29,7 @@ from granpipe.analysis.heat import (  # noqa: E402
     false_source,
     solve_heat,
 )
-from granpipe.case.schema import load_case  # noqa: E402
+from granpipe.case.reader import load_case  # noqa: E402
 from granpipe.export.comsol import write_comsol  # noqa: E402
 from granpipe.field import Array, Field  # noqa: E402
 from granpipe.geometry.outline import Outline  # noqa: E402
@@ -214,7 +214,7 @@ def page(scene: Scene, mesh: RZMesh, rows: dict[str, Row], fine: float) -> str:
         "- *ψ, differentiated at points*: `psi_grid.txt`, linear in r² and z, differentiated wherever the solver asks.",
         "- *u, w, linear*: `u_grid.txt` and `w_grid.txt`.",
         "- *rows scaled*: the plain average of the same run, every level scaled to the same flow, exported as u and w;",
-        "  *smoothed*: the same after two passes of the 5×5 Gaussian, as `method: paper` has it.",
+        "  *smoothed*: the same after two passes of the 5×5 Gaussian, as `method: gaussian` has it.",
         "",
         "## A feed at temperature 1, and nothing else",
         "",

@@ -17,7 +17,7 @@ from methods import paper, plain
 from scipy import ndimage
 
 from granpipe.analysis.surfaces import bulk_edge, crossings, displacement, speed, stagnant_area, void_area
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.field import Array, Field, Grid, Mask, level_flow
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.smooth import flowing_faces, seen_packing

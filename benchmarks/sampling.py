@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.dem.dump import first_step, read_snapshot
 from granpipe.field import Array, Field, Grid, level_flow
 from granpipe.geometry.outline import Outline

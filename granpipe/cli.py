@@ -15,7 +15,7 @@ from granpipe.console import Console
 from granpipe.errors import GranpipeError
 
 if TYPE_CHECKING:
-    from granpipe.case.schema import CaseFile
+    from granpipe.case.reader import CaseFile
     from granpipe.study.choice import Chosen
     from granpipe.sweep.folder import Folder
 
@@ -141,7 +141,7 @@ def check(case: Path, overrides: tuple[str, ...]) -> None:
 @click.argument("path", type=click.Path(path_type=Path), default=Path("case.yaml"))
 def init(path: Path) -> None:
     """Write a commented starter case to PATH."""
-    from granpipe.case.schema import starter_case
+    from granpipe.case.reader import starter_case
 
     try:
         with path.open("x") as file:
@@ -156,7 +156,7 @@ def init(path: Path) -> None:
 @main.command()
 def schema() -> None:
     """Print the JSON Schema of a case, for editors."""
-    from granpipe.case.schema import schema_json
+    from granpipe.case.reader import schema_json
 
     click.echo(schema_json(), nl=False)
 
@@ -515,7 +515,7 @@ def _read_result(folder: Path, overrides: tuple[str, ...] = ()) -> CaseFile:
 
 
 def _read(path: Path, overrides: tuple[str, ...]) -> CaseFile:
-    from granpipe.case.schema import read_case
+    from granpipe.case.reader import read_case
 
     pairs = [text.partition("=") for text in overrides]
     for key, sign, _ in pairs:

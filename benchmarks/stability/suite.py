@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.analysis.compare import Difference, compare
-from granpipe.case.schema import Case, load_case
+from granpipe.case.reader import load_case, varied
+from granpipe.case.schema import Case
 from granpipe.dem.contact import GRAVITY, effective_modulus
 from granpipe.dem.deck import render
 from granpipe.dem.dump import Snapshot, first_step, read_snapshot
@@ -87,7 +88,7 @@ def _work(row: Row, folder: Path, tools: dict[str, str], finished: Callable[[Row
     case = scene(row)
     changes = changes_of(row, case)
     try:
-        plan = make_plan(case.varied(changes))
+        plan = make_plan(varied(case, changes))
     except CaseError:
         plan = None  # refused: there is nothing to leave alone
     if not (own / "rest.json").is_file():
@@ -110,7 +111,7 @@ def changes_of(row: Row, case: Case) -> dict[str, str]:
     """All keys that a row changes, its multiples worked out."""
     if not row.multiples and not row.similar:
         return dict(row.changes)
-    settings = make_plan(case.varied(row.changes)).dem
+    settings = make_plan(varied(case, row.changes)).dem
     if row.similar:
         return similar(case, settings, *row.scale)
     measures = {

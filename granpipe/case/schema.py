@@ -1,19 +1,15 @@
-"""case.yaml → Case: what the user asks for, validated once, in SI. The only reader of user input."""
+"""The groups of keys of a case: what may stand in each, its default and its meaning; values in SI."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from granpipe.case.messages import case_error
-from granpipe.case.overrides import override
 from granpipe.case.units import (
     ANGLE,
     DENSITY,
@@ -29,22 +25,22 @@ from granpipe.case.units import (
     unit_in_si,
 )
 from granpipe.case.values import (
-    Choice,
-    Choices,
     File,
     Flow,
     Group,
+    Identifier,
     Levels,
     Name,
+    OneOf,
     Points,
     Quantity,
     Series,
     Short,
+    SomeOf,
     Whole,
-    Word,
     refuse,
 )
-from granpipe.case.yamlfile import Places, dump_yaml, read_yaml
+from granpipe.case.yamlfile import dump_yaml
 
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
@@ -56,11 +52,11 @@ ContactModel = Literal["hertz", "hooke"]
 RollingModel = Literal["epsd2", "cdt", "none"]
 Outlet = Literal["plate", "open"]
 Snapshots = Literal["none", "thinned", "all"]
-Method = Literal["psi", "paper"]
+Method = Literal["psi", "gaussian"]
 MoreFields = Literal["particle_velocity", "size_classes", "wall_slip", "wall_pressure", "residence_time"]
 Walls = Literal["moving", "slip"]
 Solids = Literal["rest", "slip"]
-Profile = Literal["open", "plate", "annular"]
+OutletProfile = Literal["developed", "uniform", "annular"]
 By = Literal["number", "mass"]
 Format = Literal["comsol", "vtk"]
 Figure = Literal["rz", "vessel"]
@@ -76,7 +72,7 @@ class Section(Group):
     z: Annotated[tuple[float, float], Levels()] = Field(
         description="Upper and lower level. Short form: the levels themselves, as in `a: [5.9, 4.9]`."
     )
-    regime: Annotated[Regime | None, Choice(Regime)] = Field(
+    regime: Annotated[Regime | None, OneOf(Regime)] = Field(
         default=None,
         description="How the material flows here, where you know it better than a formula (Jenike's term).",
     )
@@ -85,7 +81,7 @@ class Section(Group):
         description="Wall speed as a part of the mean vertical speed at that level, for the fluid model. "
         "Unless given: 1 on straight walls, 2/3 in hoppers.",
     )
-    model: Annotated[SectionModel | None, Choice(SectionModel)] = Field(
+    model: Annotated[SectionModel | None, OneOf(SectionModel)] = Field(
         default=None,
         description="Says by which model this section is to be computed, against the planner's own choice.",
     )
@@ -101,22 +97,22 @@ class Section(Group):
         return self.z[1]
 
 
-class Outline(Group):
+class OutlineSpec(Group):
     """The vessel's inside: half of its section through the axis."""
 
-    unit: Annotated[str, Word()] = Field(
+    unit: Annotated[str, Identifier()] = Field(
         default="m", description="Unit of every coordinate of the outline: m, cm, mm, ft, …."
     )
     wall: Annotated[Polygon, Points(at_least=2)] = Field(
         description="Points [r, z] of the inner wall from the inlet (top) down to the outlet; two points at one level "
         "make a ledge. Nothing overhangs: z never rises."
     )
-    obstacles: dict[Annotated[str, Word()], Annotated[Polygon, Points(at_least=3, closed=True)]] = Field(
+    obstacles: dict[Annotated[str, Identifier()], Annotated[Polygon, Points(at_least=3, closed=True)]] = Field(
         default_factory=dict,
         description="Closed polygons [r, z] by name: on the wall, on the axis (r = 0), or free rings.",
     )
     sections: dict[
-        Annotated[str, Word()],
+        Annotated[str, Identifier()],
         Annotated[Section, Short(Levels())],
     ] = Field(
         default_factory=lambda data: _sections_by_slope(data.get("wall", ())),
@@ -298,7 +294,7 @@ class Size(Group):
 
     radius: Annotated[Spread | None, _SPREAD_SHORT] = Field(default=None, description="Sizes as radii.")
     diameter: Annotated[Spread | None, _SPREAD_SHORT] = Field(default=None, description="Sizes as diameters.")
-    by: Annotated[By, Choice(By)] = Field(
+    by: Annotated[By, OneOf(By)] = Field(
         default="number",
         description="What the distribution counts: particles or their mass. A sieve table must say it.",
     )
@@ -378,7 +374,7 @@ class WallContact(Group):
 class Contact(Group):
     """How particles touch. The defaults are those of Sparta & Halvorsen (2017), but for the stiffness."""
 
-    model: Annotated[ContactModel, Choice(ContactModel)] = Field(default="hertz", description="Normal contact law.")
+    model: Annotated[ContactModel, OneOf(ContactModel)] = Field(default="hertz", description="Normal contact law.")
     youngs_modulus: Annotated[float | Literal["auto"], Quantity(PRESSURE, at_least=1e3, at_most=1e13, auto=True)] = (
         Field(
             default="auto",
@@ -389,7 +385,7 @@ class Contact(Group):
     poisson: Annotated[float, Quantity(at_least=0, at_most=0.5)] = Field(default=0.35, description="Poisson's ratio.")
     restitution: Restitution = Field(default=0.43, description="Coefficient of restitution.")
     friction: Friction = Field(default=0.73, description="Coefficient of sliding friction between particles.")
-    rolling_model: Annotated[RollingModel, Choice(RollingModel)] = Field(
+    rolling_model: Annotated[RollingModel, OneOf(RollingModel)] = Field(
         default="epsd2", description="Rolling resistance: spring and slider (epsd2), constant torque (cdt), or none."
     )
     rolling_friction: Friction = Field(
@@ -472,7 +468,7 @@ class Dem(Group):
         "average of all.",
     )
     seed: Annotated[int, Whole(0)] = Field(default=1, description="Every random number follows from it.")
-    outlet: Annotated[Outlet, Choice(Outlet)] = Field(
+    outlet: Annotated[Outlet, OneOf(Outlet)] = Field(
         default="plate", description="The bed rests on a plate that moves down, or discharges freely."
     )
     reservoir_height: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=1000, auto=True)] = Field(
@@ -486,7 +482,7 @@ class Dem(Group):
     ranks: Annotated[int | Literal["auto"], Whole(1, 4096, auto=True)] = Field(
         default="auto", description="MPI processes; `auto` uses the free cores as far as it helps."
     )
-    keep_snapshots: Annotated[Snapshots, Choice(Snapshots)] = Field(
+    keep_snapshots: Annotated[Snapshots, OneOf(Snapshots)] = Field(
         default="none", description="What remains of the snapshots, which are averaged while LIGGGHTS runs."
     )
 
@@ -497,18 +493,18 @@ class Homogenize(Group):
     cell: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=10, auto=True)] = Field(
         default="auto", description="Edge of a cell of the r–z grid; `auto` is a part of the mean particle diameter."
     )
-    method: Annotated[Method, Choice(Method)] = Field(
+    method: Annotated[Method, OneOf(Method)] = Field(
         default="psi",
         description="How the average is made to conserve: a fitted stream function (psi), or scaled rows and "
-        "Gaussian smoothing (paper).",
+        "Gaussian smoothing (gaussian).",
     )
     start: Annotated[float | Literal["auto"], Quantity(TIME, at_least=0, at_most=1e6, auto=True)] = Field(
         default="auto", description="Production time at which averaging begins, after the transient."
     )
     smoothing_passes: Annotated[int, Whole(0, 100)] = Field(
-        default=2, description="Passes of the 5×5 Gaussian of `method: paper`."
+        default=2, description="Passes of the 5×5 Gaussian of `method: gaussian`."
     )
-    fields: Annotated[tuple[MoreFields, ...], Choices(MoreFields)] = Field(
+    fields: Annotated[tuple[MoreFields, ...], SomeOf(MoreFields)] = Field(
         default=(),
         description="What else to give: velocity of the particles in every cell, packing of each size class and Sauter "
         "diameter, slip and contact along the walls, pressure on them, how long the solids stay.",
@@ -516,8 +512,8 @@ class Homogenize(Group):
 
     @model_validator(mode="after")
     def _consistent(self) -> Homogenize:
-        if self.method == "paper" and "residence_time" in self.fields:
-            refuse("residence_time follows the stream function, which method: paper has not", ("fields",))
+        if self.method == "gaussian" and "residence_time" in self.fields:
+            refuse("residence_time follows the stream function, which method: gaussian does not give", ("fields",))
         return self
 
 
@@ -528,16 +524,16 @@ class Fluid(Group):
     """The fictitious fluid."""
 
     order: Annotated[int, Whole(2, 4)] = Field(default=2, description="Polynomial order of the velocity.")
-    walls: Annotated[Walls, Choice(Walls)] = Field(
+    walls: Annotated[Walls, OneOf(Walls)] = Field(
         default="moving", description="Walls drag the fluid along at their wall factor (moving), or let it slip freely."
     )
-    solids: Annotated[Solids, Choice(Solids)] = Field(
+    solids: Annotated[Solids, OneOf(Solids)] = Field(
         default="rest", description="On ledges and obstacles the fluid is at rest, or slips freely."
     )
-    outlet: Annotated[Profile, Choice(Profile)] = Field(
-        default="open",
-        description="How the fluid leaves: as if the vessel went on (open), at one speed everywhere (plate), or at one "
-        "speed within `annulus` (annular).",
+    outlet_profile: Annotated[OutletProfile, OneOf(OutletProfile)] = Field(
+        default="developed",
+        description="Velocity profile with which the fluid leaves: as if the vessel continued (developed), the same "
+        "speed everywhere (uniform), or the same speed within `annulus` (annular).",
     )
     annulus: Annotated[tuple[float, float] | None, Series(_SIZE_FROM_ZERO, length=2)] = Field(
         default=None, description="Inner and outer radius of an annular outlet; needed there only."
@@ -554,8 +550,8 @@ class Fluid(Group):
 
     @model_validator(mode="after")
     def _consistent(self) -> Fluid:
-        if (self.outlet == "annular") != (self.annulus is not None):
-            refuse("must be given with outlet: annular, and only there", ("annulus",))
+        if (self.outlet_profile == "annular") != (self.annulus is not None):
+            refuse("must be given with outlet_profile: annular, and only there", ("annulus",))
         if self.annulus is not None and self.annulus[0] >= self.annulus[1]:
             refuse("must be [inner, outer] with inner below outer", ("annulus",))
         return self
@@ -565,14 +561,14 @@ class Case(Group):
     """A case with every default filled in, in SI."""
 
     name: Annotated[str, Name()] = Field(description="Name of the case; results go to a folder of this name.")
-    outline: Outline = Field(description="The vessel's inside: half of its section through the axis.")
+    outline: OutlineSpec = Field(description="The vessel's inside: half of its section through the axis.")
     material: Material = Field(description="The granular material.")
     contact: Contact = Field(
         default_factory=Contact,
         description="How particles touch; defaults as in Sparta & Halvorsen (2017), but for the stiffness.",
     )
     flow_rate: Annotated[FlowRate, Flow(FlowRate.of)] = Field(description="The flow that the process asks for.")
-    model: Annotated[Model, Choice(Model)] = Field(
+    model: Annotated[Model, OneOf(Model)] = Field(
         default="auto",
         description="By which model: fictitious fluid, particles (dem), both joined (hybrid), or what the sections "
         "need (auto).",
@@ -580,10 +576,10 @@ class Case(Group):
     dem: Dem = Field(default_factory=Dem, description="The simulation of the particles.")
     homogenize: Homogenize = Field(default_factory=Homogenize, description="From particles to a field.")
     fluid: Fluid = Field(default_factory=Fluid, description="The fictitious fluid.")
-    export: Annotated[tuple[Format, ...], Choices(Format)] = Field(
+    export: Annotated[tuple[Format, ...], SomeOf(Format)] = Field(
         default=("comsol", "vtk"), description="Which files to write beside field.npz."
     )
-    figures: Annotated[tuple[Figure, ...], Choices(Figure)] = Field(
+    figures: Annotated[tuple[Figure, ...], SomeOf(Figure)] = Field(
         default=("rz", "vessel"), description="Which pictures to make: plots on r–z, the vessel in 3-D."
     )
 
@@ -596,7 +592,7 @@ class Case(Group):
                 )
         if self.homogenize.start != "auto" and self.homogenize.start >= self.dem.max_time:
             refuse(f"must be below dem.max_time ({self.dem.max_time:g} s)", ("homogenize", "start"))
-        if self.homogenize.method == "paper" and self.dem.statistical_error is not None:
+        if self.homogenize.method == "gaussian" and self.dem.statistical_error is not None:
             refuse(
                 "belongs to homogenize.method: psi, which knows its error; leave it out", ("dem", "statistical_error")
             )
@@ -608,67 +604,6 @@ class Case(Group):
             )
         return self
 
-    def varied(self, changes: Mapping[str, str]) -> Case:
-        """The case with dotted keys changed to YAML text, as by ``--set``; what followed from them follows anew.
-
-        The outline is in metres by now, whatever the unit of its file. CaseError with the key where a change is wrong.
-        """
-        return resolve(self.model_dump(mode="json", exclude_unset=True), Places(self.name), changes).case
-
     def to_yaml(self) -> str:
         """The resolved case as YAML, every default included; loads again as the same case."""
         return dump_yaml(self.model_dump(mode="json", exclude_none=True))
-
-
-@dataclass(frozen=True)
-class CaseFile:
-    """A case and where each of its keys stands."""
-
-    case: Case
-    places: Places
-
-
-def read_case(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFile:
-    """Read a case file; `overrides` maps dotted keys to YAML text. CaseError says what is wrong and where."""
-    data, places = read_yaml(path)
-    return resolve(data, places, overrides)
-
-
-def resolve(data: dict[str, Any], places: Places, overrides: Mapping[str, str] | None = None) -> CaseFile:
-    """The case that plain data describe, after overriding."""
-    for key, text in (overrides or {}).items():
-        override(data, places, key, text)
-    try:
-        return CaseFile(Case.model_validate(data), places)
-    except ValidationError as error:
-        raise case_error(error, data, places) from None
-
-
-def load_case(path: Path, overrides: Mapping[str, str] | None = None) -> Case:
-    """The case alone, for callers that report no further errors about it."""
-    return read_case(path, overrides).case
-
-
-def schema_json() -> str:
-    """JSON Schema of a case file, for editors."""
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _for_editors(Case.model_json_schema())
-    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
-
-
-def _for_editors(schema: Any) -> Any:
-    """Without generated titles and without null, which no key accepts; names of obstacles and sections checked."""
-    if isinstance(schema, list):
-        return [_for_editors(item) for item in schema if item != {"type": "null"}]
-    if not isinstance(schema, dict):
-        return schema
-    kept = {
-        key: _for_editors(value)
-        for key, value in schema.items()
-        if not (key == "title" and isinstance(value, str)) and not (key == "default" and value is None)
-    }
-    return kept | ({"additionalProperties": False} if "patternProperties" in kept else {})
-
-
-def starter_case() -> str:
-    """Text of a small commented case to start from."""
-    return (Path(__file__).parents[1] / "templates" / "case.yaml").read_text(encoding="utf-8")

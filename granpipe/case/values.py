@@ -248,7 +248,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 1e300
 
 
-class Choice(Kind):
+class OneOf(Kind):
     """One of a few words, given as a `Literal`."""
 
     def __init__(self, literal: Any) -> None:
@@ -271,7 +271,7 @@ def _near(word: str, words: Iterable[str]) -> bool:
     return bool(difflib.get_close_matches(word, list(words), n=1))
 
 
-class Choices(Choice):
+class SomeOf(OneOf):
     """A list of different words out of a few."""
 
     def read(self, value: Any) -> Any:
@@ -308,7 +308,7 @@ class Name(Kind):
         return {"type": "string", "pattern": f"^{self.pattern}$"}
 
 
-class Word(Name):
+class Identifier(Name):
     """Text that is safe as a name inside decks and meshes, too."""
 
     pattern = r"[A-Za-z][A-Za-z0-9_]{0,31}"

@@ -33,8 +33,8 @@ class WallLaw:
     wall_factor : f of sloping walls, the wall's speed over the mean speed at its height
     section_factors : f of the sloping walls of a section, by its name, where it is another
     solids : ledges and obstacles: at "rest", or "slip"
-    outlet : "open": no traction, the flow leaves as if the vessel went on; "plate": the same speed everywhere;
-        "annular": the same speed between the radii `annulus`, no flow elsewhere
+    outlet_profile : "developed": no traction, the flow leaves as if the vessel continued; "uniform": the same
+        speed everywhere; "annular": the same speed between the radii `annulus`, no flow elsewhere
     annulus : inner and outer radius of an annular outlet [m]
     """
 
@@ -42,13 +42,13 @@ class WallLaw:
     wall_factor: float = 2 / 3
     section_factors: Mapping[str, float] = field(default_factory=dict)
     solids: Literal["rest", "slip"] = "rest"
-    outlet: Literal["open", "plate", "annular"] = "open"
+    outlet_profile: Literal["developed", "uniform", "annular"] = "developed"
     annulus: tuple[float, float] | None = None
 
     @property
     def outlet_radii(self) -> tuple[float, float]:
         """Radii between which a prescribed outlet lets the flow out [m]."""
-        if self.outlet != "annular":
+        if self.outlet_profile != "annular":
             return 0.0, np.inf
         if self.annulus is None:
             raise CaseError("an annular outlet needs its inner and outer radius", ("fluid", "annulus"))
@@ -100,7 +100,7 @@ def edge_roles(mesh: RZMesh, law: WallLaw) -> Names:
     dr, dz = np.abs(np.diff(mesh.ends(), axis=1)[:, 0]).T
     wall = mesh.named("wall") & (dz > LEVEL * dr)
     known = [mesh.named(name) for name in ("axis", "inlet", "outlet")]
-    outlet = "open" if law.outlet == "open" else "outlet"
+    outlet = "open" if law.outlet_profile == "developed" else "outlet"
     return np.select([*known, wall], ["axis", "inlet", outlet, law.walls], law.solids)
 
 

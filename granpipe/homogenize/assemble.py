@@ -61,7 +61,7 @@ def with_standard_errors(field: Field, parts: Sequence[Sums]) -> Field:
     )
 
 
-def paper_field(
+def gaussian_field(
     sums: Sums, inside_fraction: Array, plug: Plug, diameter: float, passes: int, flow_scale: float = 1.0
 ) -> Field:
     """The paper's adjustment: rows scaled to the plug's flow, Gaussian `passes` times, rows scaled again.

@@ -12,7 +12,7 @@ from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, Grid, cell_squares, section_rows
 from granpipe.geometry.outline import Outline
-from granpipe.homogenize.assemble import paper_field
+from granpipe.homogenize.assemble import gaussian_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, measure_plug
 from granpipe.homogenize.psi_field import psi_field
@@ -42,8 +42,8 @@ def averaged_field(case: Case, outline: Outline, parts: Sequence[Sums], diameter
     given = None if material.bulk_density is None else material.bulk_density / material.density
     plug = measure_plug(sums, inside, _plug_range(outline, sums.grid), diameter, given)
     scale = target_flow(case, plug.packing) / plug.bulk_flow
-    if case.homogenize.method == "paper":
-        field = paper_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale)
+    if case.homogenize.method == "gaussian":
+        field = gaussian_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale)
         return AveragedField(field, plug, {})
     fitted = psi_field(parts, inside, plug, diameter, scale)
     figures: dict[str, Any] = {

@@ -5,7 +5,8 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from granpipe.case.schema import Case, resolve
+from granpipe.case.reader import resolve
+from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import Convergence

@@ -96,7 +96,7 @@ class StatisticalErrorCriterion:
     def __call__(self, sums: Sequence[Sums]) -> Convergence:
         """How good the average of the segments so far is."""
         plan = self._plan
-        if len(sums) < LEAST_BLOCKS or plan.case.homogenize.method == "paper":
+        if len(sums) < LEAST_BLOCKS or plan.case.homogenize.method == "gaussian":
             return Convergence()
         try:
             steady = after_transient(sums, plan.case)

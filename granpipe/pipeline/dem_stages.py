@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from granpipe.case.reader import varied
 from granpipe.dem.deck import DUMP_COLUMNS, Deck, make_deck, render
 from granpipe.dem.dump import Snapshot, read_snapshot
 from granpipe.dem.health import FillingHealth
@@ -123,7 +124,7 @@ class _Replica:
 
     def __init__(self, number: int, plan: Plan, walls: Path, context: Context) -> None:
         dem = plan.case.dem
-        self.plan = replace(plan, case=plan.case.varied({"dem.seed": str(dem.seed + number)}))
+        self.plan = replace(plan, case=varied(plan.case, {"dem.seed": str(dem.seed + number)}))
         self.number, self.walls = number, walls
         self.store, self.progress = context.store, context.progress
         self.deck = compose_deck(self.plan, walls)

@@ -31,7 +31,11 @@ def wall_law(case: Case) -> WallLaw:
     fluid = case.fluid
     factors = {name: s.wall_factor for name, s in case.outline.sections.items() if s.wall_factor is not None}
     return WallLaw(
-        walls=fluid.walls, section_factors=factors, solids=fluid.solids, outlet=fluid.outlet, annulus=fluid.annulus
+        walls=fluid.walls,
+        section_factors=factors,
+        solids=fluid.solids,
+        outlet_profile=fluid.outlet_profile,
+        annulus=fluid.annulus,
     )
 
 

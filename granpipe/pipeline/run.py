@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from granpipe.case.schema import CaseFile
+from granpipe.case.reader import CaseFile
 from granpipe.errors import CaseError
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.gates import Gate

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from granpipe.case.reader import varied
 from granpipe.dem import contact
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_stages import settle
@@ -47,7 +48,7 @@ def overlap(settled: Path) -> tuple[float, float]:
 
 def _stiffer(plan: Plan, cores: int, youngs: float, why: str) -> Plan:
     """The plan at another Young's modulus, which still is a decision of granpipe's."""
-    settings = make_plan(plan.case.varied({"contact.youngs_modulus": repr(youngs)}), cores).dem
+    settings = make_plan(varied(plan.case, {"contact.youngs_modulus": repr(youngs)}), cores).dem
     decisions = tuple(
         replace(decision, criterion=f"{decision.criterion}; {why}") if decision.name == "youngs_modulus" else decision
         for decision in settings.decisions

@@ -39,7 +39,7 @@ LEAST_SEGMENTS = 4
 FLUID_SECONDS = 3.0
 """Meshing and solving for the fictitious fluid, start-up included."""
 
-OUTLET_NOTE = "within one diameter of the outlet the field depends on the profile that fluid.outlet prescribes"
+OUTLET_NOTE = "within one diameter of the outlet the field depends on the profile that fluid.outlet_profile prescribes"
 
 HYBRID_GAIN = 0.8
 """`auto` takes the hybrid only where its DEM costs less than this part of a DEM run of the whole vessel."""
@@ -205,7 +205,7 @@ class _Scene:
             left.append(Stage("3-D picture", "there are no particles to show"))
         left += self._left_out_fields("there are no particles")
         stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid"), self._results("fluid")]
-        notes = [*unfit, *([] if self.case.fluid.outlet == "open" else [OUTLET_NOTE])]
+        notes = [*unfit, *([] if self.case.fluid.outlet_profile == "developed" else [OUTLET_NOTE])]
         return self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
 
     def _dem(self) -> Plan:
@@ -253,7 +253,8 @@ class _Scene:
             segment = settings.segment_steps * settings.time_step
             raise CaseError(
                 f"{self.case.dem.max_time:g} s is {settings.segments} segments of {segment:.3g} s; the ψ fit needs "
-                f"{LEAST_SEGMENTS}: make it {LEAST_SEGMENTS * segment:.2g} s or more, or set homogenize.method: paper",
+                f"{LEAST_SEGMENTS}: make it {LEAST_SEGMENTS * segment:.2g} s or more, or set "
+                "homogenize.method: gaussian",
                 ("dem", "max_time"),
             )
 

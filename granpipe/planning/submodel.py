@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from granpipe.case.schema import Case, Outline, Point, Polygon, Section
+from granpipe.case.schema import Case, OutlineSpec, Point, Polygon, Section
 from granpipe.errors import CaseError
 
 Side = Literal["above", "below"]
@@ -108,7 +108,7 @@ def sub_case(case: Case, span: Span) -> Case:
         for name, section in case.outline.sections.items()
         if section.z_bottom < span.cut_top and section.z_top > span.cut_bottom
     }
-    outline = Outline(unit="m", wall=wall, obstacles=obstacles, sections=sections)
+    outline = OutlineSpec(unit="m", wall=wall, obstacles=obstacles, sections=sections)
     homogenize = case.homogenize.model_copy(update={"fields": ()})  # the whole vessel's field has no use for them
     return case.model_copy(
         update={"name": f"{case.name}-{span.name}", "outline": outline, "homogenize": homogenize, "model": "dem"}

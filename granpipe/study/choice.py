@@ -13,7 +13,8 @@ from math import hypot
 from pathlib import Path
 from typing import Any
 
-from granpipe.case.schema import Case, CaseFile, resolve
+from granpipe.case.reader import CaseFile, resolve, varied
+from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError, DataError
 from granpipe.geometry.openings import find_openings
@@ -166,7 +167,7 @@ def _changed(case: Case, changes: dict[str, str]) -> CaseFile:
 
 def _guess(case: Case, tolerance: float, own: Path) -> Chosen:
     """An option of the first study that granpipe brings along whose setting this scene can take over."""
-    particles = case.varied({"model": "dem"})
+    particles = varied(case, {"model": "dem"})
     for study in shipped():
         options = [option for option in read_options(study) if option.method == "psi" and option.travel > 0]
         option, proven = _best(options, tolerance, study)
@@ -183,7 +184,7 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
     These are the narrowest opening over d90, but never particles smaller than the material's; the plate speed over the
     automatic one; the travel in outlet diameters.
     """
-    fine = make_plan(case.varied({"dem.coarse_grain_factor": "1", "dem.plate_speed": "auto"}))
+    fine = make_plan(varied(case, {"dem.coarse_grain_factor": "1", "dem.plate_speed": "auto"}))
     changes = {
         "model": "dem",
         "homogenize.method": "psi",
@@ -191,11 +192,11 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
         "dem.coarse_grain_factor": f"{max(1.0, _narrowness(fine) / _narrowness(model)):.4g}",
         "dem.plate_speed": "auto",
     }
-    plan = make_plan(case.varied(changes))
+    plan = make_plan(varied(case, changes))
     if not plan.dem.open_outlet:
-        pace = model.dem.plate_speed / make_plan(model.case.varied({"dem.plate_speed": "auto"})).dem.plate_speed
+        pace = model.dem.plate_speed / make_plan(varied(model.case, {"dem.plate_speed": "auto"})).dem.plate_speed
         changes["dem.plate_speed"] = f"{pace * plan.dem.plate_speed:.4g}"
-        plan = make_plan(case.varied(changes))
+        plan = make_plan(varied(case, changes))
     travel = model.case.dem.max_time / _turnover(model)
     return changes | {"dem.max_time": f"{travel * _turnover(plan):.4g}"}
 

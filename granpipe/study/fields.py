@@ -41,8 +41,8 @@ class Method:
         """Of the case, that make a run use it on cells of its own, those of the study being of this size [m]."""
         found = {"homogenize.cell": f"{self.joined * cell:.6g}"}
         passes = {"rows": "0"}.get(self.name)
-        if self.name in ("paper", "rows"):
-            found["homogenize.method"] = "paper"
+        if self.name in ("gaussian", "rows"):
+            found["homogenize.method"] = "gaussian"
         return found if passes is None else found | {"homogenize.smoothing_passes": passes}
 
     def __str__(self) -> str:
@@ -50,8 +50,8 @@ class Method:
 
 
 PSI = Method("psi")
-METHODS = (PSI, Method("psi", 2), Method("psi", 4), Method("paper"), Method("rows"), Method("raw"))
-"""`rows` is the paper's method without smoothing, `raw` the plain average."""
+METHODS = (PSI, Method("psi", 2), Method("psi", 4), Method("gaussian"), Method("rows"), Method("raw"))
+"""`rows` is the Gaussian method without smoothing, `raw` the plain average."""
 
 
 @dataclass(frozen=True)
@@ -161,8 +161,8 @@ def _by(case: Case, method: str) -> Case:
     """The case with another method; what the planner settled stays."""
     if method == "psi":
         return case
-    passes = case.homogenize.smoothing_passes if method == "paper" else 0
-    changed = case.homogenize.model_copy(update={"method": "paper", "smoothing_passes": passes})
+    passes = case.homogenize.smoothing_passes if method == "gaussian" else 0
+    changed = case.homogenize.model_copy(update={"method": "gaussian", "smoothing_passes": passes})
     return case.model_copy(update={"homogenize": changed})
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from granpipe.case.reader import varied
 from granpipe.case.schema import Case
 from granpipe.errors import CaseError
 from granpipe.sweep.variants import Variant, name_of
@@ -139,7 +140,7 @@ def _wanted(case: Case, basis: Basis, refusal: Refusal, axis: str, value: str) -
     """A point at a value of the user's; CaseError where it cannot be."""
     place = f"--axis {axis}={value}"
     try:
-        changed = case.varied({_KEYS[axis]: value})
+        changed = varied(case, {_KEYS[axis]: value})
         if axis == "plate_speed" and changed.dem.plate_speed == "auto":
             raise CaseError("auto is no value to go to; give a speed, in m/s or with its unit")
         if changed.model_dump() == case.model_dump():
@@ -185,10 +186,10 @@ def _changes(case: Case, basis: Basis, axis: str, value: str) -> dict[str, str]:
     changes = {_KEYS[axis]: value}
     start = 0.0 if case.homogenize.start == "auto" else float(case.homogenize.start)
     if axis == "replicas":  # together they average as long as the case does
-        count = case.varied(changes).dem.replicas
+        count = varied(case, changes).dem.replicas
         changes["dem.max_time"] = _text(start + (case.dem.max_time - start) / count)
     elif axis == "plate_speed":  # equal travel
-        part = float(case.varied(changes).dem.plate_speed) / basis.plate_speed
+        part = float(varied(case, changes).dem.plate_speed) / basis.plate_speed
         changes["dem.max_time"] = _text(case.dem.max_time / part)
         if start:
             changes["homogenize.start"] = _text(start / part)
@@ -201,10 +202,10 @@ def _combined(case: Case, single: Sequence[Rung]) -> Iterator[Rung]:
     """Coarsest with fastest, which is the cheapest; finest in two fillings, which is the best."""
 
     def factor(variant: Variant) -> float:
-        return case.varied(variant.changes).dem.coarse_grain_factor
+        return varied(case, variant.changes).dem.coarse_grain_factor
 
     def speed(variant: Variant) -> float:
-        return float(case.varied(variant.changes).dem.plate_speed)
+        return float(varied(case, variant.changes).dem.plate_speed)
 
     sizes = [rung.variant for rung in single if rung.axis in ("", "coarse_grain_factor")]
     speeds = [rung.variant for rung in single if rung.axis == "plate_speed"]

@@ -11,7 +11,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from granpipe.case.schema import Case, resolve
+from granpipe.case.reader import resolve, varied
+from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError
 from granpipe.geometry.revolve import Turn
@@ -94,7 +95,7 @@ def make_study(case: Case, hours: float, cores: int, axes: Axes | None = None, r
         rungs, lambda rung: forecast[rung.variant.name] * _busy(_needed(settled, rung), cores), hours * 3600 * cores
     )
     cell = _common_cell([_needed(settled, rung) for rung in kept])
-    settled = settled.varied({"homogenize.cell": repr(cell)})
+    settled = varied(settled, {"homogenize.cell": repr(cell)})
     return Study(settled, tuple(kept), tuple(dropped), forecast)
 
 
@@ -134,7 +135,7 @@ def _settled(case: Case, basis: Basis) -> Case:
 def _plan(case: Case, variant: Variant) -> Plan | CaseError:
     """Its plan, on one rank unless it says otherwise, or why the scene does not allow it."""
     try:
-        return make_plan(case.varied({"dem.ranks": "1"} | variant.changes))
+        return make_plan(varied(case, {"dem.ranks": "1"} | variant.changes))
     except CaseError as error:
         return error
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.errors import RunError
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress

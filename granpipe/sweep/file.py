@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 from granpipe.case.messages import case_error
 from granpipe.case.overrides import SOURCE
 from granpipe.case.units import TIME
-from granpipe.case.values import Choices, File, Group, Kind, Name, Quantity, Whole, refuse
+from granpipe.case.values import File, Group, Kind, Name, Quantity, SomeOf, Whole, refuse
 from granpipe.case.yamlfile import Places, parse_value, plain_value, read_yaml, text_of
 from granpipe.errors import CaseError
 from granpipe.sweep.content import Content
@@ -201,7 +201,7 @@ class _Sweep(Group):
         default=("wall_seconds",),
         description="Columns of the table to draw over the axes, such as statistical_error.whole.",
     )
-    table: Annotated[tuple[Table, ...], Choices(Table)] = Field(
+    table: Annotated[tuple[Table, ...], SomeOf(Table)] = Field(
         default=("csv",), description="Formats of the table; netcdf needs the extra of that name."
     )
 

@@ -10,7 +10,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from granpipe.case.schema import CaseFile, resolve
+from granpipe.case.reader import CaseFile, resolve
 from granpipe.case.yamlfile import Places, parse_yaml
 from granpipe.errors import CaseError, GranpipeError
 from granpipe.pipeline.run import plan_case, run_case

@@ -38,7 +38,7 @@ contact: {friction: 0.5, rolling_friction: 0.1}
 flow_rate: 1 kg/s
 model: dem
 dem: {max_time: 10 s, plate_speed: 0.01 m/s, reservoir_height: 8 cm}
-homogenize: {start: 2 s, method: paper}
+homogenize: {start: 2 s, method: gaussian}
 figures: []
 export: [comsol]
 """

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from granpipe.case.schema import CaseFile
+from granpipe.case.reader import CaseFile
 from granpipe.field import level_flow
 from granpipe.homogenize.average import Sums
 from granpipe.pipeline.run import Outcome, run_case

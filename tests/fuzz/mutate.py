@@ -18,7 +18,7 @@ _WORDS = (
     b"0 -1 1 1e308 -1e308 1e-308 1e999 nan .nan .inf -0.0 1e-9 1e9 99999999999999999999 9**9**9 0x10 0o7 1_000 1,5 "
     b"true null ~ auto yes off 2/3 1/0 3cm 3[cm] 1e9km 1mm 50% 30deg 1t/h 1[m^3/h] m/s Pa kg \xc2\xb5m \xc2\xb0 "
     b"!!python/object/apply:os.system !!binary &a *a <<: [] {} [[]] {a: - ? : , ' \" | > # % @ ` \\ \t \xff \x00 "
-    b"\xef\xbb\xbf \xe2\x80\xa8 \x85 ../../x /dev/zero shell $(id) ${x} {{x}} dem fluid hybrid plate open psi paper "
+    b"\xef\xbb\xbf \xe2\x80\xa8 \x85 ../../x /dev/zero shell $(id) ${x} {{x}} dem fluid hybrid plate open psi gaussian "
     b"mono normal sieve radius diameter mean std min max"
 ).split(b" ")
 

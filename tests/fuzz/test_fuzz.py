@@ -14,7 +14,7 @@ from fakes.analytic_flow import binary_snapshot, text_snapshot
 from fuzz.limits import HangError, bounded
 from fuzz.mutate import BINARY, TEXT, inputs
 
-from granpipe.case.schema import read_case
+from granpipe.case.reader import read_case
 from granpipe.dem.dump import first_step, is_complete, read_dump
 from granpipe.dem.wall_contacts import read_wall_contacts
 from granpipe.errors import CaseError, DataError, GranpipeError

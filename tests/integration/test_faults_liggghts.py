@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from fakes.runs import all_gone, assert_statistically_equal, chain, run, running_below, segments, start, wait_for
 
-from granpipe.case.schema import read_case
+from granpipe.case.reader import read_case
 from granpipe.dem.deck import DUMP_COLUMNS
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.run import Liggghts, Limits

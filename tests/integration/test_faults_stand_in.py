@@ -22,7 +22,7 @@ import pytest
 from fakes.liggghts import install
 from fakes.runs import all_gone, chain, run, running_below, segments, start, wait_for
 
-from granpipe.case.schema import read_case
+from granpipe.case.reader import read_case
 from granpipe.dem import run as run_module
 from granpipe.errors import GranpipeError
 from granpipe.field import Field

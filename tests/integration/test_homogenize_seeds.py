@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from granpipe.case.schema import read_case
+from granpipe.case.reader import read_case
 from granpipe.field import Field
 from granpipe.pipeline.run import run_case
 from granpipe.progress import Silent

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fakes.runs import run
 
-from granpipe.case.schema import read_case
+from granpipe.case.reader import read_case
 from granpipe.field import Field, level_flow
 from granpipe.homogenize.average import Sums, merge
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granpipe.case.schema import read_case
+from granpipe.case.reader import read_case
 from granpipe.errors import CaseError
 from granpipe.field import Field, divergence, level_flow
 from granpipe.pipeline.run import Outcome, plan_case, run_case

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.dem import contact
 from granpipe.pipeline.dem_stages import settle
 from granpipe.pipeline.stiffness import overlap, with_checked_stiffness

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granpipe.case.schema import read_case
+from granpipe.case.reader import read_case
 from granpipe.field import Field
 from granpipe.homogenize.average import Sums
 from granpipe.pipeline.run import Outcome, run_case

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.study.points import make_study
 from granpipe.study.report import read_options
 from granpipe.study.run import prepare_study

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granpipe.case.schema import read_case
+from granpipe.case.reader import read_case
 from granpipe.field import Field, level_flow
 from granpipe.pipeline.run import run_case
 from granpipe.planning.plan import Plan, make_plan

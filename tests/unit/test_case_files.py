@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from granpipe.case.reader import load_case, schema_json, starter_case
 from granpipe.case.reference import reference
-from granpipe.case.schema import load_case, schema_json, starter_case
 
 ROOT = Path(__file__).parents[2]
 CASES = sorted((ROOT / "cases").glob("*.yaml"))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granpipe.case.schema import load_case, read_case, resolve
+from granpipe.case.reader import load_case, read_case, resolve
 from granpipe.case.yamlfile import Places, parse_yaml
 from granpipe.errors import CaseError, GranpipeError
 
@@ -414,3 +414,20 @@ def test_any_damage_to_a_case_ends_in_a_case_or_a_case_error(data):
         again, places = parse_yaml(case.to_yaml(), "again.yaml")
         assert resolve(again, places).case == case
     assert refusal is None or (isinstance(refusal, CaseError) and "\n" not in str(refusal))
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "new"),
+    [
+        ("homogenize.method", "paper", "method: gaussian"),
+        ("fluid.outlet", "plate", "outlet_profile: uniform"),
+        ("fluid.outlet", "open", "outlet_profile: developed"),
+        ("fluid.outlet", "annular", "outlet_profile: annular"),
+        ("fluid.outlet", "[1, 2]", r"outlet_profile: \[1, 2\]"),
+        ("fluid.outlet_profile", "plate", "outlet_profile: uniform"),
+    ],
+)
+def test_former_names_are_refused_with_the_new_ones(key, value, new):
+    with pytest.raises(CaseError, match=rf"renamed: write {new}") as refused:
+        with_set(key, value)
+    assert refused.value.key == tuple(key.split("."))

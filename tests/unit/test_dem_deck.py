@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case.schema import Case, load_case
+from granpipe.case.reader import load_case
+from granpipe.case.schema import Case
 from granpipe.dem.deck import Deck, make_deck, render
 from granpipe.errors import CaseError
 from granpipe.geometry.insertion import insertion_frusta

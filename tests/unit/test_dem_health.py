@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.dem.dump import OWN_COLUMNS, Snapshot
 from granpipe.dem.health import FillingHealth, FlowHealth
 from granpipe.dem.run import Status

@@ -78,7 +78,7 @@ def test_slip_walls_hold_only_the_normal_velocity_and_leave_ledges_alone():
 
 
 def test_inlet_and_plate_have_one_speed_and_the_whole_flow():
-    data = boundary_data(silo(), WallLaw(outlet="plate"), 2.0, ENDS)
+    data = boundary_data(silo(), WallLaw(outlet_profile="uniform"), 2.0, ENDS)
     np.testing.assert_allclose(data.velocity[on("inlet")], [[0, -2 / np.pi]] * 2)
     np.testing.assert_allclose(data.velocity[on("outlet")], [[0, -2 / (np.pi * 0.25**2)]] * 2)
     assert data.flow[on("inlet")] == pytest.approx(-2)
@@ -87,7 +87,7 @@ def test_inlet_and_plate_have_one_speed_and_the_whole_flow():
 
 def test_annular_outlet_lets_the_flow_out_between_its_radii():
     along = np.array([0.0, 0.5, 1.0])
-    data = boundary_data(silo(), WallLaw(outlet="annular", annulus=(0.1, 0.2)), 2.0, along)
+    data = boundary_data(silo(), WallLaw(outlet_profile="annular", annulus=(0.1, 0.2)), 2.0, along)
     speed = 2 / (np.pi * (0.2**2 - 0.1**2))
     np.testing.assert_allclose(data.velocity[on("outlet"), :, 1], [0, -speed, 0])
     assert data.flow[on("outlet")] == pytest.approx(2)
@@ -95,19 +95,19 @@ def test_annular_outlet_lets_the_flow_out_between_its_radii():
 
 def test_annulus_beside_the_outlet_is_refused():
     with pytest.raises(SolveError, match=r"no part of the outlet lies between the radii 0.3 and 0.4 m"):
-        boundary_data(silo(), WallLaw(outlet="annular", annulus=(0.3, 0.4)), 1.0, ENDS)
+        boundary_data(silo(), WallLaw(outlet_profile="annular", annulus=(0.3, 0.4)), 1.0, ENDS)
 
 
 def test_annular_outlet_without_radii_is_refused():
     with pytest.raises(CaseError, match="inner and outer radius"):
-        boundary_data(silo(), WallLaw(outlet="annular"), 1.0, ENDS)
+        boundary_data(silo(), WallLaw(outlet_profile="annular"), 1.0, ENDS)
 
 
 def test_a_percent_more_out_than_in_is_found_and_not_absorbed():
-    data = boundary_data(silo(), WallLaw(outlet="plate"), 1.0, ENDS)
+    data = boundary_data(silo(), WallLaw(outlet_profile="uniform"), 1.0, ENDS)
     with pytest.raises(SolveError, match="do not balance"):
         solve_stokes(silo(), replace(data, flow=np.where(data.flow > 0, 1.01, 1.0) * data.flow))
 
 
 def test_balanced_flows_pass():
-    boundary_data(silo(), WallLaw(outlet="plate"), 1.0, ENDS).check_balance()
+    boundary_data(silo(), WallLaw(outlet_profile="uniform"), 1.0, ENDS).check_balance()

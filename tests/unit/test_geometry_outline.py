@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.errors import CaseError
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline

@@ -8,7 +8,7 @@ from fakes.analytic_flow import ConvergingFlow
 
 from granpipe.errors import DataError
 from granpipe.field import Grid, level_flow
-from granpipe.homogenize.assemble import packing_fraction, paper_field, raw_field, unguided_plug
+from granpipe.homogenize.assemble import gaussian_field, packing_fraction, raw_field, unguided_plug
 from granpipe.homogenize.average import Sums
 from granpipe.homogenize.conserve import measure_plug, scale_rows
 
@@ -94,7 +94,7 @@ def test_a_blocked_level_is_named():
 def test_the_papers_field_carries_the_plugs_flow_through_every_level(passes):
     sums = average(noise=0.3)
     plug = measure_plug(sums, INSIDE, (0.0, 0.28), DIAMETER)
-    field = paper_field(sums, INSIDE, plug, DIAMETER, passes, flow_scale=0.1)
+    field = gaussian_field(sums, INSIDE, plug, DIAMETER, passes, flow_scale=0.1)
     assert np.abs(level_flow(field.flux_z, GRID) / plug.solids_flow - 1).max() < 1e-10
     assert field.flow_scale == 0.1
     assert field.bulk_flow == plug.bulk_flow
@@ -107,7 +107,7 @@ def test_smoothing_brings_the_field_nearer_to_the_truth():
     errors = []
     for passes in (0, 1, 2):
         sums = average(noise=0.3)
-        field = paper_field(sums, INSIDE, measure_plug(sums, INSIDE, (0.0, 0.28), DIAMETER), DIAMETER, passes)
+        field = gaussian_field(sums, INSIDE, measure_plug(sums, INSIDE, (0.0, 0.28), DIAMETER), DIAMETER, passes)
         errors.append(np.linalg.norm((field.flux_z - truth) * GRID.ring_area))
     assert errors[1] < 0.4 * errors[0]
     assert errors[2] < errors[1]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.pipeline.calibrate import calibration_case
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import assumed_rate, make_plan

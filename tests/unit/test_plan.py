@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case.schema import load_case, read_case
+from granpipe.case.reader import load_case, read_case
 from granpipe.errors import CaseError
 from granpipe.pipeline.run import run_case
 from granpipe.planning.plan import Plan, make_plan

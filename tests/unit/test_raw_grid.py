@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from fakes.plane_flow import PlaneFlow
 
 import granpipe.pipeline.dump_grid as module
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.cli import main
 from granpipe.dem.dump import Snapshot
 from granpipe.errors import DataError

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "docs/install.md", ROOT / "CHANGELOG.md"]

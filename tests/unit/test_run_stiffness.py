@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case
 from granpipe.dem import contact
 from granpipe.pipeline import stiffness
 from granpipe.pipeline.context import Context

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granpipe.case.schema import Case, read_case
+from granpipe.case.reader import read_case
+from granpipe.case.schema import Case
 from granpipe.errors import RunError
 from granpipe.field import Field, Grid, flux_from_psi
 from granpipe.pipeline.scale import scale_results

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case.schema import CaseFile, load_case, read_case
+from granpipe.case.reader import CaseFile, load_case, read_case, varied
 from granpipe.errors import CaseError, DataError
 from granpipe.planning.plan import make_plan
 from granpipe.study import choice as study_choice
@@ -132,11 +132,11 @@ def test_carried_over_settings_are_equal_in_the_measures_of_both_scenes() -> Non
     wall = [(2 * r, 2 * z) for r, z in model.case.outline.wall]
     sections = {"a": [wall[0][1], wall[-1][1]]}
     case = smoke(outline__wall=json.dumps(wall), outline__sections=json.dumps(sections), outline__unit="m").case
-    plan = make_plan(case.varied(carried_over(model, case)))
+    plan = make_plan(varied(case, carried_over(model, case)))
     assert plan.case.dem.coarse_grain_factor == pytest.approx(2, rel=1e-3)
     travel = [p.dem.plate_speed * p.case.dem.max_time / p.outline.outlet_radius for p in (model, plan)]
     assert travel[0] == pytest.approx(travel[1], rel=0.01)
-    pace = [p.dem.plate_speed / make_plan(p.case.varied({"dem.plate_speed": "auto"})).dem.plate_speed
+    pace = [p.dem.plate_speed / make_plan(varied(p.case, {"dem.plate_speed": "auto"})).dem.plate_speed
             for p in (model, plan)]  # fmt: skip
     assert pace[0] == pytest.approx(pace[1], rel=0.01)
 

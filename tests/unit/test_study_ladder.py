@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case, varied
 from granpipe.errors import CaseError
 from granpipe.planning.plan import make_plan
 from granpipe.study.ladder import BASE, BEST, CHEAP, Basis, Rung, affordable, ladder, read_axes
@@ -162,7 +162,7 @@ def test_a_wrong_value_of_the_user_says_why(case, word, told) -> None:
 def test_values_are_written_as_in_a_case(case, text) -> None:
     rungs = ladder(case, BASIS, every, read_axes([f"coarse_grain_factor={text}"]))
     (rung,) = (rung for rung in rungs if rung.axis)
-    assert case.varied(rung.variant.changes).dem.coarse_grain_factor == 1.5
+    assert varied(case, rung.variant.changes).dem.coarse_grain_factor == 1.5
 
 
 def test_an_axis_along_which_nothing_is_possible_is_refused(case) -> None:
@@ -172,7 +172,7 @@ def test_an_axis_along_which_nothing_is_possible_is_refused(case) -> None:
 
 def test_all_points_have_one_grid_as_fine_as_the_smallest_particles_need(case) -> None:
     study = make_study(case, 10, 2, read_axes(["coarse_grain_factor", "plate_speed"]))
-    plans = [make_plan(study.case.varied(rung.variant.changes | {"dem.ranks": "1"})) for rung in study.rungs]
+    plans = [make_plan(varied(study.case, rung.variant.changes | {"dem.ranks": "1"})) for rung in study.rungs]
     assert len({plan.grid.cell for plan in plans}) == 1
     finest = min(part.dem.classes.sauter_diameter for plan in plans for part in plan.runs)
     assert plans[0].grid.cell <= finest / 4

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granpipe.case.schema import load_case
+from granpipe.case.reader import load_case, varied
 from granpipe.errors import DataError
 from granpipe.field import Field, flux_from_psi
 from granpipe.planning.plan import make_plan
@@ -56,7 +56,7 @@ def shapes(grid):
 
 def point(name: str, axis: str, changes: dict[str, str], sigma: float, seed: int) -> Point:
     """Profile strength: as the diameter and the speed have it."""
-    plan = make_plan(CASE.varied(changes))
+    plan = make_plan(varied(CASE, changes))
     grid, rng = plan.grid, np.random.default_rng(seed)
     (plug_r, plug_z), (bump_r, bump_z) = shapes(grid)
     diameter, speed = plan.dem.classes.sauter_diameter, plan.dem.plate_speed

@@ -9,6 +9,7 @@ import pytest
 from stability.rows import Judged, Row, Truth, flow_truth, rest_truth, rows, subset
 from stability.suite import changes_of, scene
 
+from granpipe.case.reader import varied
 from granpipe.errors import CaseError
 from granpipe.planning.plan import make_plan
 
@@ -142,7 +143,7 @@ def test_granpipes_own_choices_are_inside_the_range_in_every_row() -> None:
     for row in filter(lambda row: row.chosen, rows()):
         case = scene(row)
         try:
-            assert make_plan(case.varied(changes_of(row, case))).breaches == (), row.name
+            assert make_plan(varied(case, changes_of(row, case))).breaches == (), row.name
         except CaseError:
             refused += 1
     assert refused == 5  # three narrow columns, a hopper that closes, and what never comes to rest
@@ -152,14 +153,14 @@ def test_similar_rows_keep_every_group() -> None:
     groups = set()
     for row in (row for row in rows() if row.similar):
         case = scene(row)
-        dem = make_plan(case.varied(changes_of(row, case))).dem
+        dem = make_plan(varied(case, changes_of(row, case))).dem
         length = dem.classes.mean_diameter
         groups.add(
             (
                 round(dem.time_step / dem.rayleigh_time, 6),
                 round(dem.plate_speed**2 / (9.81 * length), 6),
                 round(dem.feed_top / length, 6),
-                round(dem.youngs_modulus / (case.varied(changes_of(row, case)).material.density * 9.81 * length), 1),
+                round(dem.youngs_modulus / (varied(case, changes_of(row, case)).material.density * 9.81 * length), 1),
             )
         )
     assert len(groups) == 1

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.case.schema import Case, load_case
+from granpipe.case.reader import load_case, varied
+from granpipe.case.schema import Case
 from granpipe.geometry.outline import Outline
 from granpipe.planning.plan import make_plan
 from granpipe.planning.submodel import Span, spans, sub_case
@@ -70,6 +71,6 @@ def test_a_sub_model_is_planned_like_any_case_and_costs_less(reactor: Case) -> N
 
 def test_a_sub_model_can_be_varied_as_replicas_and_the_pilot_do(reactor: Case) -> None:
     (span,) = reactor_spans(reactor, "d", "e", "f")
-    part = sub_case(reactor, span).varied({"dem.seed": "7"})
+    part = varied(sub_case(reactor, span), {"dem.seed": "7"})
     assert part.dem.seed == 7
     assert part.outline.levels == sub_case(reactor, span).outline.levels

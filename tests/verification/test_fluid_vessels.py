@@ -199,16 +199,16 @@ def test_vessels_of_a_millimetre_and_a_kilometre(size):
     sound(solve_fluid(mesh_section(HOPPER * size, {}, {}), WallLaw(), 1.0))
 
 
-@pytest.mark.parametrize("outlet", ["plate", "annular"])
+@pytest.mark.parametrize("profile", ["uniform", "annular"])
 @pytest.mark.parametrize("walls", ["moving", "slip"])
-def test_other_outlets(outlet, walls):
-    law = WallLaw(walls=walls, outlet=outlet, annulus=(0.2, 0.4))
+def test_other_outlet_profiles(profile, walls):
+    law = WallLaw(walls=walls, outlet_profile=profile, annulus=(0.2, 0.4))
     mesh = mesh_section(HOPPER, {}, SECTIONS, outlet_radii=(0.2, 0.4))
     solution = sound(solve_fluid(mesh, law, 1.0))
     field = as_field(solution)
     out = field.flux_z[0] * np.pi * 0.5**2 / 0.6
     beside = field.grid.r_edges[:-1] > 0.42
-    assert np.abs(out[beside]).max() < (1.3 if outlet == "plate" else 0.02)
+    assert np.abs(out[beside]).max() < (1.3 if profile == "uniform" else 0.02)
 
 
 def test_polygon_of_many_sides_slips_like_the_round_it_stands_for():

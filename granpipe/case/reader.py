@@ -1,0 +1,94 @@
+"""case.yaml → Case: the only reader of user input."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from granpipe.case.messages import case_error
+from granpipe.case.overrides import override
+from granpipe.case.renamed import refuse_renamed
+from granpipe.case.schema import Case
+from granpipe.case.yamlfile import Places, read_yaml
+
+
+@dataclass(frozen=True)
+class CaseFile:
+    """A case and where each of its keys stands."""
+
+    case: Case
+    places: Places
+
+
+def read_case(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFile:
+    """The case of a file; `overrides` maps dotted keys to YAML text.
+
+    Raises
+    ------
+    CaseError : the file cannot be read or does not describe a case; says what is wrong and where
+    """
+    data, places = read_yaml(path)
+    return resolve(data, places, overrides)
+
+
+def resolve(data: dict[str, Any], places: Places, overrides: Mapping[str, str] | None = None) -> CaseFile:
+    """The case that plain data describe, after overriding; `data` and `places` are changed.
+
+    Raises
+    ------
+    CaseError : the data do not describe a case
+    """
+    for key, text in (overrides or {}).items():
+        override(data, places, key, text)
+    refuse_renamed(data, places)
+    try:
+        return CaseFile(Case.model_validate(data), places)
+    except ValidationError as error:
+        raise case_error(error, data, places) from None
+
+
+def load_case(path: Path, overrides: Mapping[str, str] | None = None) -> Case:
+    """The case of a file without the places of its keys; see `read_case`."""
+    return read_case(path, overrides).case
+
+
+def varied(case: Case, changes: Mapping[str, str]) -> Case:
+    """The case with dotted keys changed to YAML text, as by ``--set``; defaults that depend on them change too.
+
+    The outline is in metres by now, whatever the unit of its file.
+
+    Raises
+    ------
+    CaseError : with the key of a wrong change
+    """
+    return resolve(case.model_dump(mode="json", exclude_unset=True), Places(case.name), changes).case
+
+
+def schema_json() -> str:
+    """JSON Schema of a case file, for editors."""
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _for_editors(Case.model_json_schema())
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def _for_editors(schema: Any) -> Any:
+    """Without generated titles and without null, which no key accepts; names of obstacles and sections checked."""
+    if isinstance(schema, list):
+        return [_for_editors(item) for item in schema if item != {"type": "null"}]
+    if not isinstance(schema, dict):
+        return schema
+    kept = {
+        key: _for_editors(value)
+        for key, value in schema.items()
+        if not (key == "title" and isinstance(value, str)) and not (key == "default" and value is None)
+    }
+    return kept | ({"additionalProperties": False} if "patternProperties" in kept else {})
+
+
+def starter_case() -> str:
+    """Text of a small commented case to start from."""
+    return (Path(__file__).parents[1] / "templates" / "case.yaml").read_text(encoding="utf-8")
