@@ -6,7 +6,8 @@ the cells (staggered), so that the balance of every cell is a plain sum of its f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granpipe.errors import CaseError, DataError
+from granpipe.system.npzfile import read_npz
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -23,6 +25,37 @@ FORMAT_VERSION = 1
 
 MOST_CELLS = 2e6
 """Far more than a case needs (the article's own particles ask for 25 000): a wrong unit must not fill the memory."""
+
+MOST_LENGTH, LEAST_CELL = 1e5, 1e-9
+"""Bounds on a grid [m]."""
+
+MOST = 1e12
+"""Bound on the size of any figure in a field, SI."""
+
+LEAST_PACKING = 1e-3
+"""Bulk of fewer solids is none."""
+
+FLOW_TOLERANCE, PSI_TOLERANCE = 0.05, 1e-6
+"""How far the mean flow through the levels may be from `bulk_flow`, and fluxes from those of ψ, relative."""
+
+
+_EXTRA = {
+    "particle_u": "zr",
+    "particle_w": "zr",
+    "sauter_diameter": "zr",
+    "class_diameter": "k",
+    "class_packing": "kzr",
+    "wall_surface": "m",
+    "wall_ends": "m22",
+    "wall_contact": "m",
+    "wall_slip": "m",
+    "wall_pressure": "m",
+    "residence_time": "n",
+    "residence_within": "n",
+}
+"""What `homogenize.fields` adds → its sizes, by a letter each: z and r those of the grid, 2 two."""
+
+_NAME = re.compile(r"[\w.-]{1,64}")
 
 
 class Particles(Protocol):
@@ -113,6 +146,28 @@ class Grid:
         """(nr,) volume of a cell [m³], the same in every row."""
         return np.asarray(self.ring_area * self.cell)
 
+    def check(self) -> None:
+        """Check that the edges are those of a grid of square cells from the axis.
+
+        Raises
+        ------
+        ValueError : says what is wrong
+        """
+        for name, edges in self._edges.items():
+            steps = np.diff(edges) if edges.dtype == float and edges.ndim == 1 and 2 <= len(edges) <= MOST_CELLS else 0
+            even = np.all(steps > 0) and np.allclose(steps, np.mean(steps), rtol=1e-6, atol=0)
+            if not even or not np.abs(edges).max() <= MOST_LENGTH or np.mean(steps) < LEAST_CELL:
+                raise ValueError(f"the {name} edges are not evenly spaced, rising, and within {MOST_LENGTH:g} m")
+        if np.prod(self.shape) > MOST_CELLS:
+            raise ValueError(f"more than {MOST_CELLS:.0e} cells")
+        if self.axial and (self.r_edges[0] != 0 or not np.isclose(self.r_edges[1], self.cell, rtol=1e-6, atol=0)):
+            raise ValueError("the cells are not squares, the first one on the axis")
+
+    @property
+    def _edges(self) -> dict[str, Array]:
+        """Direction → edges."""
+        return {"r": self.r_edges, "z": self.z_edges}
+
     def stored(self) -> dict[str, Any]:
         """The grid as arrays for a file; `restored` makes it again."""
         return {"r_edges": self.r_edges, "z_edges": self.z_edges}
@@ -191,6 +246,10 @@ class Box(Grid):
         """No axis."""
         return False
 
+    @property
+    def _edges(self) -> dict[str, Array]:
+        return {"x": self.r_edges, "y": self.y_edges, "z": self.z_edges}
+
     def stored(self) -> dict[str, Any]:
         """The grid as arrays for a file."""
         ends = {"flat": self.flat, "cut": self.cut}
@@ -260,7 +319,16 @@ class Field:
         return self.flow_scale / self.bulk_packing
 
     def save(self, path: Path) -> None:
-        """Write ``field.npz``: every array and scalar that is known, under its name in this class."""
+        """Write ``field.npz``: every array and scalar that is known, under its name in this class.
+
+        Raises
+        ------
+        DataError : the field is not what `load` would take
+        """
+        try:
+            self.check()
+        except ValueError as error:
+            raise DataError(f"{path}: not written, for the field is wrong: {error}") from error
         known = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("grid", "extra")}
         arrays = {self.grid.name_of(name): value for name, value in known.items() if value is not None}
         everything: dict[str, Any] = {"format_version": FORMAT_VERSION} | self.grid.stored() | arrays | dict(self.extra)
@@ -268,22 +336,95 @@ class Field:
 
     @classmethod
     def load(cls, path: Path) -> Field:
-        """Read ``field.npz``; DataError where it is none or of another format version."""
+        """Read ``field.npz``.
+
+        Raises
+        ------
+        DataError : no such file, damaged, of another format version, or not a field that granpipe can have made
+        """
         try:
-            with np.load(path, allow_pickle=False) as data:
-                stored = {name: data[name] for name in data.files}
-            version = int(stored.pop("format_version"))
-            if version != FORMAT_VERSION:
-                raise DataError(f"{path}: field format {version}; this granpipe reads {FORMAT_VERSION}: run again")
-            grid = restored(stored)
-            stored = {name.replace("flux_x", "flux_r"): value for name, value in stored.items()}
-            extra = {name: stored.pop(name) for name in stored.keys() - {f.name for f in fields(cls)}}
-            values = {name: float(value) if value.ndim == 0 else value for name, value in stored.items()}
-            return cls(grid=grid, extra=extra, **values)  # type: ignore[arg-type]
+            stored = read_npz(path)
         except FileNotFoundError:
-            raise DataError(f"{path}: there is none; give the results folder of a run that has ended") from None
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise DataError(f"{path}: not a field.npz that granpipe wrote ({error})") from error
+            raise DataError(f"{path}: file not found; pass the results folder of a completed run") from None
+        version = stored.pop("format_version", None)
+        if version is None or version.dtype != int or version.size != 1:
+            raise DataError(f"{path}: not a field.npz: it has no format_version")
+        if version != FORMAT_VERSION:
+            raise DataError(f"{path}: field format {version}; this granpipe reads {FORMAT_VERSION}: run again")
+        try:
+            grid = restored(stored)
+            arrays = {name.replace("flux_x", "flux_r"): value for name, value in stored.items()}
+            extra = {name: arrays.pop(name) for name in arrays.keys() - {f.name for f in fields(cls)}}
+            values = {name: float(value) if value.ndim == 0 else value for name, value in arrays.items()}
+            loaded = cls(grid=grid, extra=extra, **values)  # type: ignore[arg-type]
+            loaded.check()
+        except (ValueError, KeyError, TypeError) as error:
+            raise DataError(f"{path}: not a field that granpipe wrote ({' '.join(map(str, error.args))})") from error
+        return loaded
+
+    def check(self) -> None:
+        """Check what every field holds to: shapes, ranges, signs, and that its parts tell of one flow.
+
+        Raises
+        ------
+        ValueError : says what is wrong
+        """
+        self.grid.check()
+        for name, array, shape, low, high in self._arrays():
+            kind = np.dtype(bool if name == "bulk" else float)
+            if not isinstance(array, np.ndarray) or array.dtype != kind or array.shape != shape:
+                raise ValueError(f"{name} is not an array {shape} of {kind}")
+            if not ((array >= low) & (array <= high)).all():
+                raise ValueError(f"{name} is not between {low:g} and {high:g} everywhere")
+        for name, low in (("bulk_flow", -MOST), ("bulk_packing", LEAST_PACKING), ("flow_scale", 1 / MOST)):
+            value, high = getattr(self, name), 1.0 if name == "bulk_packing" else MOST
+            if not (isinstance(value, int | float) and low <= value <= high):
+                raise ValueError(f"{name} is {value}, not between {low:g} and {high:g}")
+        self._check_extra()
+        self._check_flow()
+
+    def _arrays(self) -> Iterator[tuple[str, NDArray[Any], tuple[int, ...], float, float]]:
+        """Arrays that are there but for `extra`: name, values, and the shape and range that they must have."""
+        cells = self.grid.shape
+        nodes = tuple(size + 1 for size in cells)
+        shapes = {"inside_fraction": cells, "packing_fraction": cells, "bulk": cells, "psi": nodes}
+        for axis, direction in enumerate("zyr" if len(cells) == 3 else "zr"):
+            faces = (*cells[:axis], nodes[axis], *cells[axis + 1 :])
+            shapes |= {f"{kind}flux_{direction}{se}": faces for kind in ("", "raw_") for se in ("", "_se")}
+        for one in fields(self):
+            array = getattr(self, one.name)
+            if array is not None and one.name not in ("grid", "extra", "bulk_flow", "bulk_packing", "flow_scale"):
+                part = one.name in ("inside_fraction", "packing_fraction", "bulk")
+                low = 0.0 if part or one.name.endswith("_se") else -MOST
+                yield one.name, array, shapes.get(one.name, ()), low, 1.0 if part else MOST
+
+    def _check_extra(self) -> None:
+        """Sizes that have the same letter in `_EXTRA` must be equal; numbers must be finite, text must be names."""
+        sizes = dict(zip("zr" if len(self.grid.shape) == 2 else "zyr", self.grid.shape, strict=True)) | {"2": 2}
+        for name, array in self.extra.items():
+            letters = _EXTRA.get(name.removesuffix("_se"))
+            found = None if letters is None else tuple(sizes.setdefault(*pair) for pair in zip(letters, array.shape))
+            if letters is not None and (len(letters) != array.ndim or array.shape != found):
+                raise ValueError(f"{name} has the shape {array.shape}")
+            if (array.dtype.kind == "U") != (name == "wall_surface"):
+                raise ValueError(f"{name} holds {array.dtype}")
+            if array.dtype.kind == "U" and not all(_NAME.fullmatch(text) for text in array.flat):
+                raise ValueError(f"{name} holds more than names")
+            if array.dtype.kind == "f" and not (np.abs(array) <= MOST).all():
+                raise ValueError(f"{name} is not finite everywhere")
+        for first, then in (("wall_ends", "wall_surface"), ("residence_time", "residence_within")):
+            if first in self.extra and then not in self.extra:
+                raise ValueError(f"{then} is missing beside {first}")
+
+    def _check_flow(self) -> None:
+        """The flow through the levels is that of `bulk_flow`, and ψ that of the fluxes."""
+        flows, told = level_flow(self.flux_z, self.grid), self.bulk_flow * self.bulk_packing
+        if not abs(flows.mean() - told) <= FLOW_TOLERANCE * max(np.abs(flows).max(), abs(told)):
+            raise ValueError(f"the solids flow through its levels is {flows.mean():.3g} m³/s, by bulk_flow {told:.3g}")
+        if self.psi is not None:
+            for own, other in zip((self.flux_r, self.flux_z), flux_from_psi(self.psi, self.grid), strict=True):
+                if not (np.abs(own - other) <= PSI_TOLERANCE * np.abs(self.flux_z).max()).all():
+                    raise ValueError("psi is not the stream function of flux_r and flux_z")
 
 
 def flux_from_psi(psi: Array, grid: Grid) -> tuple[Array, Array]:
