@@ -402,9 +402,10 @@ class Field:
         """Sizes that have the same letter in `_EXTRA` must be equal; numbers must be finite, text must be names."""
         sizes = dict(zip("zr" if len(self.grid.shape) == 2 else "zyr", self.grid.shape, strict=True)) | {"2": 2}
         for name, array in self.extra.items():
-            letters = _EXTRA.get(name.removesuffix("_se"))
-            found = None if letters is None else tuple(sizes.setdefault(*pair) for pair in zip(letters, array.shape))
-            if letters is not None and (len(letters) != array.ndim or array.shape != found):
+            letters = _EXTRA.get(name.removesuffix("_se"), "")
+            if letters and (
+                len(letters) != array.ndim or array.shape != tuple(map(sizes.setdefault, letters, array.shape))
+            ):
                 raise ValueError(f"{name} has the shape {array.shape}")
             if (array.dtype.kind == "U") != (name == "wall_surface"):
                 raise ValueError(f"{name} holds {array.dtype}")

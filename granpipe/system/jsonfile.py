@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 from pydantic import TypeAdapter, ValidationError
 
 from granpipe.errors import DataError
-from granpipe.system.files import read_bytes, reason
+from granpipe.system.reading import read_bytes, reason
 
 T = TypeVar("T")
 
@@ -18,7 +18,11 @@ MOST_BYTES = 100_000_000
 """A sweep of 100 000 points takes a fifth of that."""
 
 
-def read_json(path: Path, kind: type[T], remedy: str = "") -> T:
+@overload
+def read_json(path: Path) -> dict[str, Any]: ...
+@overload
+def read_json(path: Path, kind: type[T], remedy: str = "") -> T: ...
+def read_json(path: Path, kind: Any = dict[str, Any], remedy: str = "") -> Any:
     """The content of a file as what is expected: a dataclass, ``dict[str, float]`` …; further keys are passed over.
 
     Parameters
@@ -43,7 +47,7 @@ def write_json(path: Path, data: dict[str, Any]) -> None:
 
 
 @cache
-def _adapter(kind: type[T]) -> TypeAdapter[T]:
+def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granpipe.errors import DataError
-from granpipe.system.files import open_regular, reason
+from granpipe.system.reading import open_regular, reason
 
 MOST_BYTES = 2_000_000_000
 """Of all arrays of a file, decompressed."""
