@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from granpipe.case.schema import Case
 from granpipe.dem import contact
-from granpipe.dem.dump import Snapshot
 from granpipe.dem.overlap import measure_overlap
 from granpipe.dem.run import Status
 from granpipe.dem.settings import PACKING, Settings
+from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import RunError
 from granpipe.field import Array, Mask
 

@@ -15,10 +15,11 @@ import numpy as np
 
 from granpipe.case.reader import varied
 from granpipe.dem.deck import DUMP_COLUMNS, Deck, make_deck, render
-from granpipe.dem.dump import Snapshot, read_snapshot
+from granpipe.dem.dump import read_snapshot
 from granpipe.dem.health import FillingHealth
 from granpipe.dem.overlap import measure_overlap
 from granpipe.dem.run import Liggghts, Status
+from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.geometry.insertion import insertion_frusta
 from granpipe.geometry.walls import build_walls

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from granpipe.dem.dump import Snapshot
+from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.field import Array, Box, Grid
 

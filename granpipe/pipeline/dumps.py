@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from granpipe.case.schema import Case
-from granpipe.dem.dump import Snapshot, read_dumps
+from granpipe.dem.dump import read_dumps
 from granpipe.dem.sizes import size_classes
+from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.field import Box, Field, Grid, level_flow
 from granpipe.geometry.outline import Outline

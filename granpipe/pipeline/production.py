@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.dem.deck import DUMP_COLUMNS, Deck, render
-from granpipe.dem.dump import Snapshot, is_complete, read_snapshot
+from granpipe.dem.dump import read_snapshot
+from granpipe.dem.dump_binary import is_complete
 from granpipe.dem.health import FlowHealth
 from granpipe.dem.run import Liggghts, Limits, Status
 from granpipe.dem.settings import RATE
+from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.homogenize.average import Collector, Sums
 from granpipe.pipeline.convergence import RunningAverage

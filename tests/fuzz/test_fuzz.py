@@ -15,7 +15,8 @@ from fuzz.limits import HangError, bounded
 from fuzz.mutate import BINARY, TEXT, inputs
 
 from granpipe.case.reader import read_case
-from granpipe.dem.dump import first_step, is_complete, read_dump
+from granpipe.dem.dump import first_step, read_dump
+from granpipe.dem.dump_binary import is_complete
 from granpipe.dem.wall_contacts import read_wall_contacts
 from granpipe.errors import CaseError, DataError, GranpipeError
 from granpipe.planning.plan import make_plan

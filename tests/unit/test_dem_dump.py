@@ -10,7 +10,8 @@ from fakes.analytic_flow import COLUMNS, binary_snapshot, text_snapshot
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from granpipe.dem.dump import first_step, is_complete, read_dump, read_dumps, read_snapshot
+from granpipe.dem.dump import first_step, read_dump, read_dumps, read_snapshot
+from granpipe.dem.dump_binary import is_complete
 from granpipe.errors import DataError
 
 BOX = np.array([[-1.0, 1.0], [-1.0, 1.0], [0.0, 2.0]])
@@ -77,7 +78,7 @@ def test_text_is_told_by_its_content_and_names_its_columns(write, compress):
 
 
 def test_text_longer_than_a_block_keeps_every_row(write, monkeypatch):
-    monkeypatch.setattr("granpipe.dem.dump._BLOCK", 1000)
+    monkeypatch.setattr("granpipe.dem.dump_text._BLOCK", 1000)
     path = write(b"".join(text_snapshot(step, BOX, particles(200, step)) for step in range(3)), "long.txt")
     for step, snapshot in enumerate(read_dump(path)):
         assert np.allclose(snapshot.values, particles(200, step), rtol=1e-5)
@@ -220,7 +221,7 @@ def test_a_missing_column_is_named(write):
     ("change", "message"),
     [
         (lambda text: text[:-40], "expected below|truncated"),
-        (lambda text: text[: text.rindex(b"\n", 0, -3) + 1], "1 atoms early"),
+        (lambda text: text[: text.rindex(b"\n", 0, -3) + 1], "6 of 7 atoms of step 0"),
         (lambda text: text.replace(b"ff ff ff", b"xy xz yz ff ff ff"), "triclinic"),
         (lambda text: text.replace(b"NUMBER OF ATOMS\n7", b"NUMBER OF ATOMS\n9999999999"), "do not fit"),
         (lambda text: text.replace(b"NUMBER OF ATOMS\n7", b"NUMBER OF ATOMS\n-7"), "whole number"),

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from granpipe.case.reader import load_case
-from granpipe.dem.dump import OWN_COLUMNS, Snapshot
 from granpipe.dem.health import FillingHealth, FlowHealth
 from granpipe.dem.run import Status
+from granpipe.dem.snapshot import OWN_COLUMNS, Snapshot
 from granpipe.errors import RunError
 from granpipe.pipeline.health_limits import flow_limits
 from granpipe.planning.plan import make_plan

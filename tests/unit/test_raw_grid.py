@@ -10,7 +10,7 @@ from fakes.plane_flow import PlaneFlow
 import granpipe.pipeline.dump_grid as module
 from granpipe.case.reader import load_case
 from granpipe.cli import main
-from granpipe.dem.dump import Snapshot
+from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.field import Box
 from granpipe.pipeline.dump_grid import Frame, grid_round
