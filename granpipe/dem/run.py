@@ -65,7 +65,10 @@ def processor_grid(ranks: int) -> tuple[int, int, int]:
 
 @dataclass
 class Status:
-    """What the output has told so far; insertions and discharge count from the start of this process."""
+    """What the output has told so far; insertions and discharge [kg] count from the start of this process.
+
+    `discharged` are particles that were taken out, `discharged_mass` is what has passed the catcher.
+    """
 
     step: int = 0
     particles: int = 0
@@ -73,10 +76,11 @@ class Status:
     inserted: int = 0
     short_insertions: int = 0
     discharged: int = 0
+    discharged_mass: float = 0.0
     segment: int = 0
     done: bool = False
     message: str = ""
-    _deleted_before: int | None = None
+    _before: tuple[int, float] | None = None
 
     def read(self, line: str) -> bool:
         """Take in one line of LIGGGHTS' output; True for a row of the thermo table.
@@ -98,8 +102,8 @@ class Status:
         return False
 
     def _thermo(self, words: list[str]) -> bool:
-        """A row of the thermo table: step atoms ke [discharge: count, deleted] cpu."""
-        if len(words) not in (4, 6) or not (words[0].isdigit() and words[1].isdigit()):
+        """A row of the thermo table: step atoms ke [discharge: count, deleted, mass] cpu."""
+        if len(words) not in (4, 7) or not (words[0].isdigit() and words[1].isdigit()):
             return False
         try:
             energy, *discharge, _ = map(float, words[2:])
@@ -107,14 +111,14 @@ class Status:
             return False
         self.step, self.particles, self.kinetic_energy = int(words[0]), int(words[1]), energy
         if discharge and math.isfinite(discharge[1]):
-            self._count_discharge(int(discharge[1]))
+            self._count_discharge(int(discharge[1]), discharge[2])
         return True
 
-    def _count_discharge(self, deleted: int) -> None:
+    def _count_discharge(self, deleted: int, mass: float) -> None:
         """LIGGGHTS counts on from where the restart file stops; the first row comes before the first step."""
-        if self._deleted_before is None:
-            self._deleted_before = deleted
-        self.discharged = deleted - self._deleted_before
+        if self._before is None:
+            self._before = deleted, mass
+        self.discharged, self.discharged_mass = deleted - self._before[0], mass - self._before[1]
 
 
 @dataclass(frozen=True)

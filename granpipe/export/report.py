@@ -94,6 +94,8 @@ def _run_sections(plan: Mapping[str, Any], provenance: Mapping[str, Any]) -> lis
     errors = [(name, f"{error:.2%}") for name, error in figures.get("statistical_error", {}).items()]
     if errors:
         sections.append(Section("Statistical error of the field", head=("section", "relative error"), rows=errors))
+    if "discharge" in figures:
+        sections.append(Section("Free discharge", head=("", "kg/s"), rows=_discharge(figures["discharge"])))
     decisions = [(c["name"], c["value"], c["criterion"]) for c in plan.get("dem", {}).get("decisions", ())]
     if decisions:
         sections.append(Section("Settings", head=("setting", "value", "criterion"), rows=decisions))
@@ -102,6 +104,15 @@ def _run_sections(plan: Mapping[str, Any], provenance: Mapping[str, Any]) -> lis
     if "produce_wall_seconds" in figures:
         sections.append(Section("Time", head=("what", "time"), rows=_times(figures, provenance)))
     return sections
+
+
+def _discharge(figures: Mapping[str, float | None]) -> list[tuple[str, str]]:
+    named = {
+        "through the outlet, averaged": figures["kg_per_s"],
+        "its standard error": figures["standard_error"],
+        "LIGGGHTS' own counter": figures["counted_kg_per_s"],
+    }
+    return [(name, f"{value:.4g}") for name, value in named.items() if value is not None]
 
 
 def _notes(plan: Mapping[str, Any]) -> list[str]:

@@ -87,6 +87,32 @@ def gathered_flow(sums: Sums, z_range: tuple[float, float]) -> Array:
     return np.asarray(total - total[plug_levels(sums.grid, z_range)].mean())
 
 
+def bed_packing(sums: Sums, inside_fraction: Array, bottom: float, diameter: float) -> float:
+    """φ_ref of a bed that discharges freely: solids above an outlet are dilated, and so no measure of the bulk.
+
+    The median over the cells above a level, at least a diameter from every wall and ledge, that hold more than half of
+    what the fullest tenth of them holds: bed, not void. Over the whole vessel where it ends below that level.
+
+    Parameters
+    ----------
+    sums, inside_fraction, diameter : as for `measure_plug`
+    bottom : lower end of the bed that counts [m]
+
+    Raises
+    ------
+    DataError : no cell is that far from the walls
+    """
+    reach = int(np.ceil(diameter / sums.grid.cell))
+    walled = np.pad(inside_fraction, ((0, 0), (0, reach)))
+    nearest = ndimage.minimum_filter(walled, 2 * reach + 1, mode="nearest")[:, : inside_fraction.shape[1]]
+    core = nearest > 1 - 1e-9
+    if not core.any():
+        raise DataError(f"the vessel is too narrow for its packing to be measured {diameter:g} m away from its walls")
+    above = core & (sums.grid.z_edges[:-1] >= bottom - 1e-9)[:, None]
+    packing = (sums.mean_volume / sums.grid.cell_volume)[above if above.any() else core]
+    return float(np.median(packing[packing > 0.5 * np.quantile(packing, 0.9)]))
+
+
 def _core_packing(sums: Sums, inside_fraction: Array, rows: Mask, diameter: float) -> float:
     """Solids fraction of the cells of some rows that are at least a diameter from every wall."""
     reach = int(np.ceil(diameter / sums.grid.cell))

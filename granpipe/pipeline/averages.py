@@ -14,7 +14,7 @@ from granpipe.field import Array, Field, Grid, cell_squares, section_rows
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import gaussian_field
 from granpipe.homogenize.average import Sums, merge
-from granpipe.homogenize.conserve import Plug, measure_plug
+from granpipe.homogenize.conserve import Plug, bed_packing, measure_plug
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import onset
 from granpipe.planning.flow import target_flow
@@ -23,6 +23,10 @@ Levels = Mapping[str, tuple[float, float]]
 
 PLUG_DIAMETERS = 0.25
 """Height of the plug in which packing and flow are measured, in outlet diameters above the outlet."""
+
+
+DILATED_DIAMETERS = 1.0
+"""Height above an open outlet, in its diameters, up to which the bed is dilated and its packing does not count."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +42,9 @@ def averaged_field(case: Case, outline: Outline, parts: Sequence[Sums], diameter
     """The average of some segments, made to conserve by the case's method and scaled to the flow that it asks for."""
     sums = merge(parts)
     inside = outline.inside_fraction(sums.grid)
-    material = case.material
-    given = None if material.bulk_density is None else material.bulk_density / material.density
-    plug = measure_plug(sums, inside, _plug_range(outline, sums.grid), diameter, given)
+    plug = measure_plug(
+        sums, inside, plug_range(outline, sums.grid), diameter, _known_packing(case, outline, sums, inside, diameter)
+    )
     scale = target_flow(case, plug.packing) / plug.bulk_flow
     if case.homogenize.method == "gaussian":
         field = gaussian_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale)
@@ -106,7 +110,17 @@ def _net_storage(parts: list[Sums]) -> Array:
     return np.asarray(np.abs(np.cumsum(gain, axis=1)).max(axis=1) / duration)
 
 
-def _plug_range(outline: Outline, grid: Grid) -> tuple[float, float]:
+def _known_packing(case: Case, outline: Outline, sums: Sums, inside_fraction: Array, diameter: float) -> float | None:
+    """φ_ref where it is not to be measured in the plug: given by the case, or of the bed above an open outlet."""
+    if case.material.bulk_density is not None:
+        return case.material.bulk_density / case.material.density
+    if case.dem.outlet == "open":
+        bottom = outline.z_bottom + DILATED_DIAMETERS * 2 * outline.outlet_radius
+        return bed_packing(sums, inside_fraction, bottom, diameter)
+    return None
+
+
+def plug_range(outline: Outline, grid: Grid) -> tuple[float, float]:
     """Levels between which the plug is measured [m]; the plate itself is farther below."""
     height = max(PLUG_DIAMETERS * 2 * outline.outlet_radius, 2 * grid.cell)
     return outline.z_bottom, outline.z_bottom + height

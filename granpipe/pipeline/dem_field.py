@@ -17,8 +17,9 @@ from granpipe.homogenize.statistics import (
     trend,
     turnovers,
 )
-from granpipe.pipeline.averages import Levels, after_transient, averaged_field
+from granpipe.pipeline.averages import Levels, after_transient, averaged_field, plug_range
 from granpipe.pipeline.convergence import average_gates
+from granpipe.pipeline.discharge import Discharge, measure_discharge
 from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.gates import (
     breach_gate,
@@ -42,6 +43,9 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
     settled = [read_json(production.settled / "settle.json") for production in productions]
     reports = [production.reports() for production in productions]
     figures = averaged.figures | run_statistics(steady, plan.case.outline.levels)
+    discharge = _discharge(plan, steady, productions)
+    if discharge is not None:
+        figures["discharge"] = discharge.figures
     return ModelResult(
         field=field,
         gates=(
@@ -49,6 +53,7 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
             *(size_gate(bed["mass_share"], bed["wanted_mass_share"]) for bed in settled),
             *overlap_gates(settled[0]["overlap"]["mean"], settled[0]["overlap"]["p99"]),
             packing_gate(averaged.plug.packing),
+            *(discharge.gates if discharge is not None else ()),
             *map(breach_gate, plan.breaches),
         ),
         figures=figures
@@ -68,7 +73,17 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
             "averaging_seconds": [sum(_last_of_each_run(run, "averaging_seconds")) for run in reports],
         },
         productions=tuple(productions),
+        notes=() if discharge is None else (f"discharge rate: {discharge}",),
     )
+
+
+def _discharge(plan: Plan, steady: Sequence[Sums], productions: Sequence[Production]) -> Discharge | None:
+    """The discharge rate of an open outlet; None above a plate, which sets the flow."""
+    if not plan.dem.open_outlet:
+        return None
+    reports = {production.run: production.reports() for production in productions}
+    near_outlet = plug_range(plan.outline, plan.grid)
+    return measure_discharge(steady, near_outlet, plan.case.material.density, reports, plan.dem.time_step)
 
 
 def run_statistics(parts: Sequence[Sums], levels: Levels) -> dict[str, Any]:

@@ -24,7 +24,7 @@ SIZE_SHARE_LIMIT = 0.02
 """Inserted mass share of any size class against the one asked for."""
 
 PACKING_RANGE = (0.5, 0.68)
-"""Packing of a plug of spheres: looser is not at rest, denser overlaps."""
+"""Packing of a bed of spheres: looser is not at rest, denser overlaps."""
 
 
 @dataclass(frozen=True)
@@ -122,9 +122,9 @@ def overlap_gates(mean: float, p99: float) -> list[Gate]:
 
 
 def packing_gate(packing: float) -> Gate:
-    """Packing in the plug."""
+    """Reference packing: of the plug above a plate, or of the bed above an open outlet."""
     low, high = PACKING_RANGE
-    return Gate("packing in the plug", packing, f"{low:g} to {high:g}", low <= packing <= high)
+    return Gate("reference packing", packing, f"{low:g} to {high:g}", low <= packing <= high)
 
 
 def breach_gate(breach: str) -> Gate:

@@ -57,6 +57,7 @@ def hybrid_field(plan: Plan, context: Context) -> ModelResult:
         figures=_figures(field, solution, parts),
         productions=tuple(production for _, made in parts for production in made.productions),
         solution=solution,
+        notes=tuple(note for _, made in parts for note in made.notes),
     )
 
 

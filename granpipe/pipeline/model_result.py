@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ModelResult:
-    """What the stages hand over: the field, its gates, measured figures, and the model's own data."""
+    """What the stages hand over: the field, its gates, measured figures, the model's own data, notes for the user."""
 
     field: Field
     gates: tuple[Gate, ...]
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
     productions: tuple[Production, ...] = ()
     solution: FluidSolution | None = None
+    notes: tuple[str, ...] = ()

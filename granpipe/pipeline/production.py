@@ -292,6 +292,8 @@ class _Watch:
             "particles": self.count,
             "inserted": status.inserted,
             "discharged": status.discharged,
+            "discharged_mass_kg": status.discharged_mass,
+            "counted_to_step": status.step,
             "averaging_seconds": self.averaging,
             "checking_seconds": self.checking,
             "wall_seconds": time.monotonic() - self.started,

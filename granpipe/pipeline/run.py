@@ -68,6 +68,8 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
         raise file.places.explain(error) from None
     if file.case.homogenize.fields:
         made = _with_derived(made, file.case.homogenize.fields)
+    for note in made.notes:
+        progress.note(note)
     progress.stage("results")
     failed = write_results(folder, plan, made, key, versions, begun)
     return Outcome(folder, failed)

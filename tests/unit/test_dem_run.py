@@ -28,10 +28,10 @@ def test_insertions_come_before_the_row_that_counts_their_particles() -> None:
 
 
 def test_what_was_discharged_before_a_restart_is_not_counted_again() -> None:
-    status, _ = read("    3300      736      1.0214159              0            948              0 ")
+    status, _ = read("    3300      736      1.0214159              0            948      12.480000              0 ")
     assert status.discharged == 0
-    status.read("    3410      692      0.5660083             45            992     0.11115522 ")
-    assert status.discharged == 44
+    status.read("    3410      692      0.5660083             45            992      13.060000     0.11115522 ")
+    assert (status.discharged, status.discharged_mass) == (44, pytest.approx(0.58))
 
 
 @pytest.mark.parametrize(

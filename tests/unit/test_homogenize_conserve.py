@@ -10,7 +10,7 @@ from granpipe.errors import DataError
 from granpipe.field import Grid, level_flow
 from granpipe.homogenize.assemble import gaussian_field, packing_fraction, raw_field, unguided_plug
 from granpipe.homogenize.average import Sums
-from granpipe.homogenize.conserve import measure_plug, scale_rows
+from granpipe.homogenize.conserve import bed_packing, measure_plug, scale_rows
 
 FLOW = ConvergingFlow(height=1.0, upper_radius=0.5, lower_radius=0.3, solids_flow=0.02, packing=0.58)
 GRID = Grid.covering(0.5, 0.0, 1.0, 0.02)
@@ -136,3 +136,15 @@ def test_plug_without_an_outline_is_estimated_from_the_fullest_cells():
     assert plug.solids_flow == pytest.approx(0.02, rel=1e-12)
     with pytest.raises(DataError, match="no particles"):
         unguided_plug(replace(sums, volume=np.zeros(GRID.shape)))
+
+
+def test_the_packing_of_a_bed_is_not_that_of_its_void_nor_of_the_dilated_outlet():
+    sums = average()
+    volume = sums.volume.copy()
+    volume[: len(volume) // 4] *= 0.85
+    volume[-len(volume) // 4 :] *= 0.01
+    dilated = replace(sums, volume=volume)
+    bottom = float(sums.grid.z_edges[len(volume) // 4])
+    whole = bed_packing(sums, INSIDE, float(sums.grid.z_edges[0]), DIAMETER)
+    assert bed_packing(dilated, INSIDE, bottom, DIAMETER) == pytest.approx(whole)
+    assert bed_packing(sums, INSIDE, 1e3, DIAMETER) == pytest.approx(whole)  # a vessel that ends below that level
