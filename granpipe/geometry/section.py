@@ -11,8 +11,8 @@ from granpipe.errors import MeshError
 from granpipe.field import Array
 from granpipe.geometry.element_size import TOLERANCE, element_size
 from granpipe.geometry.polyline import distance_to, edges_of, enclosed, nearest_points
-from granpipe.geometry.session import gmsh_session
 from granpipe.rzmesh import Index, Names, RZMesh
+from granpipe.system.gmsh_session import gmsh_session
 
 
 def mesh_section(

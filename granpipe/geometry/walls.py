@@ -21,7 +21,7 @@ from granpipe.field import Array
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import edges_of, nearest_points
 from granpipe.geometry.revolve import SMALLEST_ANGLE, Turn, generatrix, triangle_angles
-from granpipe.geometry.session import gmsh_session
+from granpipe.system.gmsh_session import gmsh_session
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,144 @@
+"""STEP and BREP by gmsh's OpenCASCADE: a face in a plane, or a body of revolution cut through its axis."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granpipe.drawings.lines import Line, Lines, Points
+from granpipe.errors import CaseError, MeshError
+from granpipe.system.gmsh_session import gmsh_session
+
+_AXES = ("z", "y", "x")
+"""In the order in which they are tried as the axis of a body."""
+
+_SAME_VOLUME = 1e-3
+"""Relative difference of a body's volume from that of its section turned about the axis, at most."""
+
+_MOST_POINTS = 4096  # of a curve
+
+
+def read_cad(path: Path, sagitta: float | None = None, up: str = "") -> Lines:
+    """The boundary of the half section of a CAD file, as radius and height.
+
+    A file with bodies is cut by a half plane through the axis of its bounding box; one with faces alone is the section.
+
+    Parameters
+    ----------
+    sagitta : how far a curve may lie off the line that stands for it [m]; 1e-4 of the size unless given
+    up : coordinate that points up: x, y, z, or -x, -y, -z; found unless given
+
+    Raises
+    ------
+    CaseError : no such file, not a body of revolution, or no face is left of it
+    """
+    try:
+        with _quiet(), gmsh_session(f"read {path.name}") as gmsh:
+            gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+            gmsh.model.occ.importShapes(str(path))
+            gmsh.model.occ.synchronize()
+            bodies = gmsh.model.getEntities(3)
+            lines = _cut(gmsh, bodies, sagitta, up) if bodies else _face(gmsh, sagitta, up)
+    except MeshError:
+        raise CaseError("not a STEP or BREP file that OpenCASCADE reads; export it again, as STEP AP214") from None
+    unit = "m" if path.suffix.lower() in (".step", ".stp") else ""
+    return Lines(lines, unit, half=True, precision=1e-6)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """OpenCASCADE prints its own errors on standard output."""
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _box(gmsh: Any) -> tuple[Points, Points]:
+    box = np.array(gmsh.model.getBoundingBox(-1, -1))
+    return box[:3], box[3:]
+
+
+def _face(gmsh: Any, sagitta: float | None, up: str) -> list[Line]:
+    """The boundary of faces that lie in a coordinate plane."""
+    faces = gmsh.model.getEntities(2)
+    low, high = _box(gmsh)
+    size = float((high - low).max())
+    flat = [axis for axis in range(3) if high[axis] - low[axis] < 1e-6 * size]
+    if not faces or len(flat) != 1:
+        raise CaseError("holds neither a body nor a face in a coordinate plane: export the inside of the vessel as one")
+    plane = [axis for axis in range(3) if axis != flat[0]]
+    vertical = "xyz".index(up.lstrip("-")) if up else plane[1]
+    if vertical not in plane:
+        raise CaseError(f"its face lies across {up}, which cannot point up", ("outline", "up"))
+    across = next(axis for axis in plane if axis != vertical)
+    sign = -1.0 if up.startswith("-") else 1.0
+    return _curves(gmsh, faces, np.eye(3)[across], sign * np.eye(3)[vertical], np.zeros(3), sagitta or 1e-4 * size)
+
+
+def _cut(gmsh: Any, bodies: Sequence[tuple[int, int]], sagitta: float | None, up: str) -> list[Line]:
+    """The boundary of the cut through bodies, by the first axis of which they are bodies of revolution."""
+    low, high = _box(gmsh)
+    size, centre = float((high - low).max()), 0.5 * (low + high)
+    volume = sum(gmsh.model.occ.getMass(*body) for body in bodies)
+    found = []
+    for name in [up.lstrip("-")] if up else _AXES:
+        vertical = np.eye(3)["xyz".index(name)]
+        across = np.roll(vertical, 1)
+        origin = centre * (1 - vertical)
+        corners = [(a, h) for a, h in ((0.0, -1), (1.0, -1), (1.0, 1), (0.0, 1))]
+        points = [
+            gmsh.model.occ.addPoint(*(origin + 2 * size * a * across + (centre @ vertical + 2 * size * h) * vertical))
+            for a, h in corners
+        ]
+        edges = [gmsh.model.occ.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
+        plane = gmsh.model.occ.addPlaneSurface([gmsh.model.occ.addCurveLoop(edges)])
+        faces, _ = gmsh.model.occ.intersect(list(bodies), [(2, plane)], removeObject=False, removeTool=True)
+        gmsh.model.occ.synchronize()
+        faces = [face for face in faces if face[0] == 2]
+        turned = sum(
+            2 * np.pi * gmsh.model.occ.getMass(*face)
+            * float((np.array(gmsh.model.occ.getCenterOfMass(*face)) - origin) @ across) for face in faces
+        )  # Pappus
+        if faces and abs(turned / volume - 1) <= _SAME_VOLUME:
+            sign = -1.0 if up.startswith("-") else 1.0
+            return _curves(gmsh, faces, across, sign * vertical, origin, sagitta or 1e-4 * size)
+        found.append(f"about {name} its section turns to {turned:.4g} m³")
+    raise CaseError(f"its body of {volume:.4g} m³ is not one of revolution: {', '.join(found)}")
+
+
+def _curves(
+    gmsh: Any, faces: Sequence[tuple[int, int]], across: Points, vertical: Points, origin: Points, sagitta: float
+) -> list[Line]:
+    """The boundary of faces in one plane, each curve flattened."""
+    frame = np.stack([across, vertical], axis=1)
+    return [
+        Line((_flattened(gmsh, tag, sagitta) - origin) @ frame)
+        for _, tag in gmsh.model.getBoundary(list(faces), combined=True, oriented=False)
+    ]
+
+
+def _flattened(gmsh: Any, curve: int, sagitta: float) -> Points:
+    """(n, 3) points on a curve, so many that no chord lies farther off it than the sagitta."""
+    low, high = (float(ends[0]) for ends in gmsh.model.getParametrizationBounds(1, curve))
+    pieces = 1
+    while True:
+        at = np.linspace(low, high, 2 * pieces + 1)
+        points = np.array(gmsh.model.getValue(1, curve, at)).reshape(-1, 3)
+        off = np.linalg.norm(points[1::2] - 0.5 * (points[:-1:2] + points[2::2]), axis=1).max()
+        if (off <= sagitta and (pieces > 1 or _straight(gmsh, curve))) or pieces >= _MOST_POINTS:
+            return points[::2]
+        pieces *= 2
+
+
+def _straight(gmsh: Any, curve: int) -> bool:
+    return bool(gmsh.model.getType(1, curve) == "Line")
