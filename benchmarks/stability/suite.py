@@ -28,6 +28,7 @@ from granpipe.dem.settings import PACKING, Settings
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import CaseError, RunError
 from granpipe.field import Field, Grid
+from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_stages import compose_deck, make_walls
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Progress, Silent
@@ -63,8 +64,8 @@ def run_suite(rows: Sequence[Row], folder: Path, cores: int, progress: Progress)
         progress.update(done / len(rows), f"{row.name}: {judged.verdict}")
         progress.note(f"{done}/{len(rows)} {row.name}: {judged.verdict}; {'; '.join(judged.faults) or 'stable'}")
 
-    tools = library_versions() | program_versions(folder / "programs.json")
-    run_together((Task(row.name, _ranks(row), _work(row, folder, tools, finished)) for row in todo), cores)
+    versions = library_versions() | program_versions(folder / "programs.json")
+    run_together((Task(row.name, _ranks(row), _work(row, folder, versions, finished)) for row in todo), cores)
     return [_judged(row, folder) for row in rows]
 
 
@@ -82,7 +83,7 @@ def _judged(row: Row, folder: Path) -> Judged:
     return Judged(row, said["verdict"], said["said"], Truth(**rest), Truth(**said["flow"]))
 
 
-def _work(row: Row, folder: Path, tools: dict[str, str], finished: Callable[[Row], None]) -> Work:
+def _work(row: Row, folder: Path, versions: Mapping[str, str], finished: Callable[[Row], None]) -> Work:
     """Whatever of a row is not done: the bed left alone, then granpipe's own run of it."""
     own = folder / row.name
     own.mkdir(parents=True, exist_ok=True)
@@ -93,7 +94,7 @@ def _work(row: Row, folder: Path, tools: dict[str, str], finished: Callable[[Row
     except CaseError:
         plan = None  # refused: there is nothing to leave alone
     if not (own / "rest.json").is_file():
-        yield from _rest(plan, own, tools, row.patience)
+        yield from _rest(plan, own, versions, row.patience)
     if not (own / "verdict.json").is_file():
         yield from _verdict(row, changes, plan, own)
     finished(row)
@@ -193,13 +194,13 @@ def _told(status: int, text: str) -> tuple[Verdict, str]:
     raise RunError(f"granpipe ended with status {status}: {text.strip()[-300:]}")
 
 
-def _rest(plan: Plan | None, own: Path, tools: dict[str, str], patience: float) -> Work:
+def _rest(plan: Plan | None, own: Path, versions: Mapping[str, str], patience: float) -> Work:
     """Fill the vessel, leave the bed alone whatever becomes of it, and keep what is to be seen."""
     if plan is None:
         _write(own / "rest.json", asdict(Truth()))
         return
     settings = plan.dem
-    walls = make_walls(plan, Store(own / "results" / ".store"), tools, Silent())
+    walls = make_walls(plan, Context(Store(own / "results" / ".store"), versions, Silent(), plan.dem.ranks))
     deck = compose_deck(plan, walls)
     fall = math.sqrt(2 * (settings.feed_top - settings.plate_z) / GRAVITY) / settings.time_step
     every = max(1, round(FALLS_WATCHED * fall / WATCHES))

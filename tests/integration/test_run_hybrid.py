@@ -38,7 +38,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     folder = tmp_path_factory.mktemp("hybrid")
     (folder / "pipe.yaml").write_text(PIPE)
     file = read_case(folder / "pipe.yaml")
-    assert plan_case(file).model == "hybrid"
+    assert plan_case(file, cores=2).model == "hybrid"
     return run_case(file, folder / "results", Silent())
 
 

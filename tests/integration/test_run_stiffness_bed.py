@@ -1,4 +1,4 @@
-"""The pilot on a real bed: a modulus that a wrong formula makes too soft is put right by what the bed shows."""
+"""The check of stiffness on a real bed: a modulus that a wrong formula makes too soft is put right by what the bed shows."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import pytest
 
 from granpipe.case.reader import load_case
 from granpipe.dem import contact
+from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_stages import settle
 from granpipe.pipeline.stiffness import overlap, with_checked_stiffness
 from granpipe.planning.plan import make_plan
@@ -23,11 +24,12 @@ def test_a_bed_that_came_out_too_soft_is_settled_again_within_its_limits(
 ) -> None:
     monkeypatch.setattr(contact, "_MEAN_FACTOR", 0.5)  # a third of what beds do
     monkeypatch.setattr(contact, "_P99_FACTOR", 1.3)
-    store, tools = Store(tmp_path / "store"), library_versions() | program_versions(tmp_path / "programs.json")
+    versions = library_versions() | program_versions(tmp_path / "programs.json")
+    context = Context(Store(tmp_path / "store"), versions, Silent(), cores=1)
     plan = make_plan(load_case(tiny))
-    after = with_checked_stiffness(plan, store, tools, Silent())
-    before = overlap(settle(plan, store, tools, Silent()))
-    mean, p99 = overlap(settle(after, store, tools, Silent()))
+    after = with_checked_stiffness(plan, context)
+    before = overlap(settle(plan, context))
+    mean, p99 = overlap(settle(after, context))
     assert before[0] > 1.5 * contact.MEAN_OVERLAP
     assert 0.7 * contact.MEAN_OVERLAP < mean <= contact.MEAN_OVERLAP
     assert p99 <= contact.P99_OVERLAP
