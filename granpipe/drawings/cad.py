@@ -106,8 +106,11 @@ def _cut(gmsh: Any, bodies: Sequence[tuple[int, int]], sagitta: float | None, up
         gmsh.model.occ.synchronize()
         faces = [face for face in faces if face[0] == 2]
         turned = sum(
-            2 * np.pi * gmsh.model.occ.getMass(*face)
-            * float((np.array(gmsh.model.occ.getCenterOfMass(*face)) - origin) @ across) for face in faces
+            2
+            * np.pi
+            * gmsh.model.occ.getMass(*face)
+            * float((np.array(gmsh.model.occ.getCenterOfMass(*face)) - origin) @ across)
+            for face in faces
         )  # Pappus
         if faces and abs(turned / volume - 1) <= _SAME_VOLUME:
             sign = -1.0 if up.startswith("-") else 1.0

@@ -297,7 +297,7 @@ def _unbounded(faces: Sequence[Polygon], top: tuple[float, float], bottom: tuple
             f"no closed way from the inlet at ({top[0]:.9g}, {top[1]:.9g}) to the outlet at ({bottom[0]:.9g}, "
             f"{bottom[1]:.9g}): draw the wall as one line from top to bottom, or put it on a layer wall"
         )
-    r0, z0, r1, z1 = above[0].bounds
+    r0, z0, r1, _ = above[0].bounds
     return (
         f"a line crosses the vessel: the area below the inlet ends at z = {z0:.9g} (r = {r0:.9g} … {r1:.9g}), above "
         f"the outlet at z = {bottom[1]:.9g}; take the line out, or put the wall on a layer wall"
@@ -314,9 +314,7 @@ def _envelope(flow: Polygon, given: Sequence[Polygon], tolerance: float) -> tupl
     filled = max(getattr(filled, "geoms", [filled]), key=lambda area: area.area)
     ring = np.array(filled.exterior.coords)
     strips = [
-        Polygon([(0, a[1]), a, b, (0, b[1])])
-        for a, b in pairwise(ring)
-        if abs(a[1] - b[1]) > 0 and max(a[0], b[0]) > 0
+        Polygon([(0, a[1]), a, b, (0, b[1])]) for a, b in pairwise(ring) if abs(a[1] - b[1]) > 0 and max(a[0], b[0]) > 0
     ]
     whole = union_all(strips)
     outer = np.array(whole.exterior.coords)[:-1]
@@ -324,7 +322,7 @@ def _envelope(flow: Polygon, given: Sequence[Polygon], tolerance: float) -> tupl
     start = int(np.lexsort((-outer[:, 0], outer[:, 1] != top))[0])
     outer = np.roll(outer, -start, axis=0)
     stop = int(np.lexsort((-outer[:, 0], outer[:, 1] != bottom))[0])
-    wall = outer[: stop + 1] if _downwards(outer[: stop + 1]) else np.vstack([outer[0], outer[:stop - 1 : -1]])
+    wall = outer[: stop + 1] if _downwards(outer[: stop + 1]) else np.vstack([outer[0], outer[: stop - 1 : -1]])
     solids = whole.difference(union_all([flow, *beside]))
     pieces = [*beside, *getattr(solids, "geoms", [solids])]
     pieces = [piece for piece in pieces if piece.area > tolerance * piece.length]

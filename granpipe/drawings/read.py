@@ -12,7 +12,7 @@ from granpipe.errors import CaseError
 
 INSTEAD = {
     ".mph": "COMSOL's model: export its 2-D mesh as text (.mphtxt) or its geometry as DXF or STEP",
-    ".mphbin": "COMSOL's binary geometry or mesh: export the 2-D mesh as text (.mphtxt), or the geometry as DXF or STEP",
+    ".mphbin": "COMSOL's binary geometry or mesh: export the mesh as text (.mphtxt), or the geometry as STEP",
     ".dwg": "AutoCAD's own format: save it as DXF",
     ".iges": "IGES: export STEP",
     ".igs": "IGES: export STEP",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ def revolved_stl(path: Path, profile: Points, facets: int = 24) -> Path:
     """A polyline turned about z, as an STL in plain text, without caps."""
     turns = 2 * np.pi * np.arange(facets) / facets
     rows = ["solid wall"]
-    for (r0, z0), (r1, z1) in zip(profile[:-1], profile[1:], strict=True):
+    for (r0, z0), (r1, z1) in pairwise(profile):
         for a, b in zip(turns, np.roll(turns, -1), strict=True):
             corner = [(r * np.cos(t), r * np.sin(t), z) for r, z in ((r0, z0), (r1, z1)) for t in (a, b)]
             for i, j, k in ((0, 1, 2), (1, 3, 2)):

@@ -1,4 +1,4 @@
-"""The check of stiffness on a real bed: a modulus that a wrong formula makes too soft is put right by what the bed shows."""
+"""The check of stiffness on a real bed: a modulus that a wrong formula makes too soft is chosen again."""
 
 from __future__ import annotations
 
