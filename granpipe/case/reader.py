@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from granpipe.case.drawing import with_drawing
 from granpipe.case.messages import case_error
 from granpipe.case.overrides import override
 from granpipe.case.renamed import refuse_renamed
@@ -19,10 +20,11 @@ from granpipe.case.yamlfile import Places, read_yaml
 
 @dataclass(frozen=True)
 class CaseFile:
-    """A case and where each of its keys stands."""
+    """A case, where each of its keys stands, and what was found in its drawing."""
 
     case: Case
     places: Places
+    notes: tuple[str, ...] = ()
 
 
 def read_case(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFile:
@@ -46,8 +48,9 @@ def resolve(data: dict[str, Any], places: Places, overrides: Mapping[str, str] |
     for key, text in (overrides or {}).items():
         override(data, places, key, text)
     refuse_renamed(data, places)
+    notes = with_drawing(data, places)
     try:
-        return CaseFile(Case.model_validate(data), places)
+        return CaseFile(Case.model_validate(data), places, notes)
     except ValidationError as error:
         raise case_error(error, data, places) from None
 

@@ -61,6 +61,8 @@ By = Literal["number", "mass"]
 Format = Literal["comsol", "vtk"]
 Figure = Literal["rz", "vessel"]
 
+Up = Literal["x", "-x", "y", "-y", "z", "-z"]
+
 LEVEL_TOLERANCE = 1e-9  # m; levels nearer than this are one level
 
 
@@ -95,6 +97,33 @@ class Section(Group):
     def z_bottom(self) -> float:
         """Lower level [m]."""
         return self.z[1]
+
+
+class DrawingSpec(Group):
+    """The drawing that gives wall and obstacles."""
+
+    file: Annotated[str, File()] = Field(
+        description="Drawing of the vessel's inside, in place of `wall` and `obstacles`: DXF, CSV, COMSOL's .mphtxt, "
+        "STEP, BREP, STL or OBJ; relative to the folder of the case file. `granpipe outline FILE` shows what it holds."
+    )
+    axis: Annotated[float | None, Quantity()] = Field(
+        default=None,
+        description="Where the axis lies across the direction that points up, in the drawing's unit. Unless given, "
+        "found: on a layer axis, by symmetry, or at 0.",
+    )
+    up: Annotated[Up | None, OneOf(Up)] = Field(
+        default=None, description="Direction of the drawing that points up. Unless given: y in a plane, found in 3-D."
+    )
+    tolerance: Annotated[float | None, Quantity(above=0)] = Field(
+        default=None,
+        description="How far a curve may lie off the straight lines that stand for it, in the drawing's unit. Unless "
+        "given: 1e-4 of the drawing's size.",
+    )
+    unit: Annotated[str | None, Identifier()] = None
+
+
+DRAWING_KEYS = DrawingSpec.model_fields.keys() - {"unit"}
+"""Keys of `outline` that belong to a drawing; none is left in a resolved case."""
 
 
 class OutlineSpec(Group):

@@ -12,7 +12,7 @@ from granpipe.drawings.lines import Line, Lines
 from granpipe.errors import CaseError
 
 if TYPE_CHECKING:
-    from ezdxf.entities import DXFEntity
+    from ezdxf.entities.dxfentity import DXFEntity
 
 _UNITS = {1: "inch", 2: "ft", 4: "mm", 5: "cm", 6: "m", 14: "dm"}
 """DXF's number of a unit ($INSUNITS) → its name."""
@@ -32,13 +32,14 @@ def read_dxf(path: Path, sagitta: float | None) -> Lines:
     ------
     CaseError : no DXF, damaged, or nothing is drawn in it
     """
-    import ezdxf
     from ezdxf import bbox
     from ezdxf import path as ezpath
+    from ezdxf.filemanagement import readfile
+    from ezdxf.lldxf.const import DXFError
 
     try:
-        document = ezdxf.readfile(path)
-    except (ezdxf.DXFError, OSError, UnicodeDecodeError, ValueError, IndexError, KeyError) as error:
+        document = readfile(path)
+    except (DXFError, OSError, UnicodeDecodeError, ValueError, IndexError, KeyError) as error:
         raise CaseError(f"not a DXF file that can be read ({error}); save it as DXF R2010 or newer") from None
     entities = list(_flat(document.modelspace()))
     if not entities:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 from pathlib import Path
 
 import numpy as np
@@ -53,14 +51,13 @@ def read_surface(path: Path, sagitta: float | None = None, up: str = "") -> Line
 
 
 def _read(path: Path) -> tuple[Points, NDArray[np.int64]]:
-    import meshio
+    from meshio import obj, stl
 
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            mesh = meshio.read(path)
+        mesh = (obj if path.suffix.lower() == ".obj" else stl).read(path)
         cells = [block.data for block in mesh.cells if block.type == "triangle"]
         points, triangles = np.asarray(mesh.points, dtype=float), np.concatenate(cells)
-    except (Exception, SystemExit) as error:  # meshio ends the process on some damaged files
+    except Exception as error:  # meshio's readers raise whatever a damaged file makes them stumble over
         raise CaseError(f"no triangles can be read from it ({type(error).__name__}: {error})") from None
     if len(triangles) == 0 or not np.isfinite(points).all() or triangles.max(initial=0) >= len(points):
         raise CaseError("damaged: triangles with corners that are not there, or no numbers")

@@ -20,8 +20,9 @@ BASE = {"errors", "progress", "field", "rzmesh"}
 
 ROOMS: dict[str, set[str]] = {
     "system": set(),
-    "case": set(),
-    "geometry": {"case"},
+    "drawings": {"system"},
+    "case": {"drawings"},
+    "geometry": {"case", "system"},
     "dem": {"case", "system"},
     "homogenize": {"system"},
     "fluid": set(),
@@ -38,7 +39,20 @@ ROOMS: dict[str, set[str]] = {
 MOST_TOP_FILES = 8
 MOST_LEVELS = 11
 
-LATE = {"gmsh", "pyvista", "vtk", "vtkmodules", "matplotlib", "meshio", "pint", "skfem", "pymetis", "numba"}
+LATE = {
+    "gmsh",
+    "pyvista",
+    "vtk",
+    "vtkmodules",
+    "matplotlib",
+    "meshio",
+    "pint",
+    "skfem",
+    "pymetis",
+    "numba",
+    "ezdxf",
+    "shapely",
+}
 """Libraries that are imported where they are used: a scene that does without does not load them."""
 
 SLOW = LATE | {"numpy", "scipy", "pydantic", "jinja2", "yaml", "rich"}
