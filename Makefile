@@ -88,6 +88,7 @@ benchmarks: setup
 
 docs: setup
 	$(VENV)/bin/python -c 'from granpipe.case.reference import reference; print(reference(), end="")' >docs/case.md
+	$(VENV)/bin/python -c 'from granpipe.pipeline.gates_page import gates_page; print(gates_page(), end="")' >docs/gates.md
 
 lock:
 	@PYTHON='$(PYTHON)' .ci/lock

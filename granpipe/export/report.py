@@ -85,24 +85,40 @@ def write_run_report(folder: Path) -> None:
 
 
 def _run_sections(plan: Mapping[str, Any], provenance: Mapping[str, Any]) -> list[Section]:
-    figures = provenance["figures"]
     gates = [
         (gate["name"], f"{gate['value']:.3g}", gate["limit"], "passed" if gate["passed"] else "failed")
         for gate in provenance["quality"]
     ]
-    sections = [Section("Quality", head=("gate", "value", "must be", ""), rows=gates)] if gates else []
-    errors = [(name, f"{error:.2%}") for name, error in figures.get("statistical_error", {}).items()]
-    if errors:
-        sections.append(Section("Statistical error of the field", head=("section", "relative error"), rows=errors))
-    if "discharge" in figures:
-        sections.append(Section("Free discharge", head=("", "kg/s"), rows=_discharge(figures["discharge"])))
-    decisions = [(c["name"], c["value"], c["criterion"]) for c in plan.get("dem", {}).get("decisions", ())]
-    if decisions:
-        sections.append(Section("Settings", head=("setting", "value", "criterion"), rows=decisions))
+    notes = provenance.get("notes", ())
+    sections = [Section("Quality", notes, head=("gate", "value", "must be", ""), rows=gates)] if gates or notes else []
+    sections += _dem_sections(plan, provenance)
     stages = [(stage["stage"], stage["reason"]) for stage in plan["stages"]]
     sections.append(Section("Stages", _notes(plan), head=("stage", "why"), rows=stages))
+    for name, submodel in provenance.get("submodels", {}).items():
+        sections += _dem_sections(plan["submodels"].get(name, {}), submodel, f" of sub-model {name}")
+    times = [
+        ("forecast of filling and production", _seconds(provenance["forecast_seconds"])),
+        ("this run, all together", _seconds(provenance["wall_seconds"])),
+    ]
+    return [*sections, Section("Time of the run", head=("what", "time"), rows=times)]
+
+
+def _dem_sections(plan: Mapping[str, Any], record: Mapping[str, Any], whose: str = "") -> list[Section]:
+    """Errors, settings and times of a DEM run: that of the whole vessel, or that of a sub-model."""
+    figures, sections = record["figures"], []
+    errors = [(name, f"{error:.2%}") for name, error in figures.get("statistical_error", {}).items()]
+    if errors:
+        title = f"Statistical error of the field{whose}"
+        sections.append(Section(title, head=("section", "relative error"), rows=errors))
+    if "discharge" in figures:
+        sections.append(Section(f"Free discharge{whose}", head=("", "kg/s"), rows=_discharge(figures["discharge"])))
+    decisions = [(c["name"], c["value"], c["criterion"]) for c in plan.get("dem", {}).get("decisions", ())]
+    if decisions:
+        seeds = ", ".join(map(str, record.get("seeds", ())))
+        text = [f"Seeds: {seeds}."] if seeds else []
+        sections.append(Section(f"Settings{whose}", text, head=("setting", "value", "criterion"), rows=decisions))
     if "produce_wall_seconds" in figures:
-        sections.append(Section("Time", head=("what", "time"), rows=_times(figures, provenance)))
+        sections.append(Section(f"Time{whose}", head=("what", "time"), rows=_times(figures)))
     return sections
 
 
@@ -119,13 +135,11 @@ def _notes(plan: Mapping[str, Any]) -> list[str]:
     return [*plan["warnings"], *(f"Outside the range: {breach}" for breach in plan["outside_the_range"])]
 
 
-def _times(figures: Mapping[str, Any], provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _times(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What the stages took; those that were done before took it in an earlier run."""
     return [
-        ("forecast of filling and production", _seconds(provenance["forecast_seconds"])),
         ("production, each run", ", ".join(map(_seconds, figures["produce_wall_seconds"]))),
         ("of it averaging", ", ".join(map(_seconds, figures["averaging_seconds"]))),
-        ("this run, all together", _seconds(provenance["wall_seconds"])),
     ]
 
 

@@ -29,7 +29,7 @@ BLOCKS = 60
 
 _VARIANCE_REACH = 1.0  # diameters: the variance is seen through a Gaussian of this width
 _LEAST_VARIANCE = 0.01  # of its mean
-_MOST_STORAGE = 0.2  # of the flow
+MOST_STORAGE = 0.2  # of the flow
 
 Flux = tuple[Array, Array]
 Data = tuple[Flux, float]
@@ -148,12 +148,12 @@ class _Steady:
         if self._flow.min() <= 0:
             z = sums.grid.z_edges[int(np.argmin(self._flow))]
             raise DataError(f"no downward flow through z = {z:g} m in the average: blocked there, or average longer")
-        if self.storage > _MOST_STORAGE:
+        if self.storage > MOST_STORAGE:
             held = self._flow[worst] < plug.solids_flow
             remedy = "; if an arch holds it up, use smaller particles or a wider opening" if held else ""
             raise DataError(
                 f"the filling changes too fast for a steady field: between the plug and z = "
-                f"{sums.grid.z_edges[worst]:g} m {self.storage:.0%} of the flow gathers, of which {_MOST_STORAGE:.0%} "
+                f"{sums.grid.z_edges[worst]:g} m {self.storage:.0%} of the flow gathers, of which {MOST_STORAGE:.0%} "
                 f"are allowed; average later or longer{remedy}"
             )
 

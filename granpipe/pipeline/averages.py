@@ -10,13 +10,13 @@ import numpy as np
 
 from granpipe.case.schema import Case
 from granpipe.errors import DataError
-from granpipe.field import Array, Field, Grid, cell_squares, section_rows
+from granpipe.field import Array, Field, Grid, cell_squares, level_flow, section_rows
 from granpipe.geometry.outline import Outline
-from granpipe.homogenize.assemble import gaussian_field
+from granpipe.homogenize.assemble import gaussian_field, with_standard_errors
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, bed_packing, measure_plug
 from granpipe.homogenize.psi_field import psi_field
-from granpipe.homogenize.statistics import onset
+from granpipe.homogenize.statistics import LEAST_BLOCKS, onset
 from granpipe.planning.flow import target_flow
 
 Levels = Mapping[str, tuple[float, float]]
@@ -73,6 +73,28 @@ def statistical_errors(field: Field, levels: Levels) -> dict[str, float]:
     )
     rows = section_rows(field.grid, levels)
     return {name: float(np.sqrt(error[at].sum() / max(flux[at].sum(), 1e-300))) for name, at in rows.items()}
+
+
+def smoothing_change(field: Field, parts: Sequence[Sums]) -> float | None:
+    """Relative difference of a field from its raw average beyond the noise of the latter; None if that is not known.
+
+    √(max(0, E² − Σ A SE² / Σ A F²)) over the bulk cells, each level of the raw average scaled to the field's own flow.
+    """
+    if len(parts) < LEAST_BLOCKS or field.raw_flux_r is None or field.raw_flux_z is None:
+        return None
+    noisy = with_standard_errors(field, parts)
+    assert noisy.flux_r_se is not None
+    assert noisy.flux_z_se is not None
+    grid = field.grid
+    scale = level_flow(field.flux_z, grid) / level_flow(field.raw_flux_z, grid)
+    change_r = field.flux_r - field.raw_flux_r * (0.5 * (scale[1:] + scale[:-1]))[:, None]
+    change_z = field.flux_z - field.raw_flux_z * scale[:, None]
+    weight = np.where(field.bulk, grid.ring_area, 0.0)
+    change, noise, flux = (
+        float((weight * cell_squares(r, z)).sum())
+        for r, z in ((change_r, change_z), (noisy.flux_r_se, noisy.flux_z_se), (field.flux_r, field.flux_z))
+    )
+    return float(np.sqrt(max(0.0, change - noise) / flux))
 
 
 def after_transient(parts: Sequence[Sums], case: Case) -> list[Sums]:

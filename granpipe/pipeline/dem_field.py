@@ -17,15 +17,22 @@ from granpipe.homogenize.statistics import (
     trend,
     turnovers,
 )
-from granpipe.pipeline.averages import Levels, after_transient, averaged_field, plug_range
+from granpipe.pipeline.averages import Levels, after_transient, averaged_field, plug_range, smoothing_change
 from granpipe.pipeline.convergence import average_gates
 from granpipe.pipeline.discharge import Discharge, measure_discharge
 from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.gates import (
-    breach_gate,
-    overlap_gates,
-    packing_gate,
-    size_gate,
+    OVERLAPS,
+    PACKING,
+    RENEWED,
+    SIZE_SHARE,
+    SMOOTHING,
+    Gate,
+    breach_gates,
+    cells_gate,
+    lean_gate,
+    run_notes,
+    upward_gate,
 )
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.production import Production
@@ -46,15 +53,20 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
     discharge = _discharge(plan, steady, productions)
     if discharge is not None:
         figures["discharge"] = discharge.figures
+    changed = smoothing_change(averaged.field, steady)
     return ModelResult(
         field=field,
         gates=(
             *average_gates(plan, averaged, merge(steady)),
-            *(size_gate(bed["mass_share"], bed["wanted_mass_share"]) for bed in settled),
-            *overlap_gates(settled[0]["overlap"]["mean"], settled[0]["overlap"]["p99"]),
-            packing_gate(averaged.plug.packing),
+            *(_size_gate(bed) for bed in settled),
+            *(limit.gate(settled[0]["overlap"][name]) for limit, name in zip(OVERLAPS, ("mean", "p99"), strict=True)),
+            PACKING.gate(averaged.plug.packing),
             *(discharge.gates if discharge is not None else ()),
-            *map(breach_gate, plan.breaches),
+            upward_gate(field),
+            cells_gate(plan),
+            *(() if changed is None else (SMOOTHING.gate(changed),)),
+            *_flow_gates(figures),
+            *breach_gates(plan.breaches),
         ),
         figures=figures
         | {
@@ -73,7 +85,7 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
             "averaging_seconds": [sum(_last_of_each_run(run, "averaging_seconds")) for run in reports],
         },
         productions=tuple(productions),
-        notes=() if discharge is None else (f"discharge rate: {discharge}",),
+        notes=(*(() if discharge is None else (f"discharge rate: {discharge}",)), *run_notes(figures)),
     )
 
 
@@ -86,6 +98,18 @@ def _discharge(plan: Plan, steady: Sequence[Sums], productions: Sequence[Product
     return measure_discharge(steady, near_outlet, plan.case.material.density, reports, plan.dem.time_step)
 
 
+def _size_gate(bed: dict[str, Any]) -> Gate:
+    """Mass share of each size class in the bed against the distribution of the case."""
+    return SIZE_SHARE.gate(float(np.abs(np.array(bed["mass_share"]) - np.array(bed["wanted_mass_share"])).max()))
+
+
+def _flow_gates(figures: dict[str, Any]) -> list[Gate]:
+    """Gates on the statistics of the run; none where there are too few segments for them."""
+    if "off_centre" not in figures:
+        return []
+    return [RENEWED.gate(figures["vessel_turnovers"]), lean_gate(figures["off_centre"])]
+
+
 def run_statistics(parts: Sequence[Sums], levels: Levels) -> dict[str, Any]:
     """What the average is worth and what it hides: turnovers, trends, flow off the centre.
 
@@ -95,7 +119,9 @@ def run_statistics(parts: Sequence[Sums], levels: Levels) -> dict[str, Any]:
         return {}
     whole, joined = merge(parts), blocks(parts)
     ranges = {name: (low, top) for name, (top, low) in levels.items()}
+    grid = whole.grid
     return {
+        "vessel_turnovers": turnovers(whole, (float(grid.z_edges[0]), float(grid.z_edges[-1]))),
         "turnovers": {name: turnovers(whole, z) for name, z in ranges.items()},
         "trend_of_solids": _trend([block.solids.mean() for block in joined]),
         "trend_of_kinetic_energy": _trend([block.kinetic.mean() for block in joined]),

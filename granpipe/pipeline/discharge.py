@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,10 +13,7 @@ from granpipe.field import level_flow
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import plug_levels
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
-from granpipe.pipeline.gates import Gate
-
-COUNTER_LIMIT = 0.01
-"""Discharge rate of the average against LIGGGHTS' counter; or twice the standard error where that is more."""
+from granpipe.pipeline.gates import DISCHARGE, Gate
 
 
 @dataclass(frozen=True)
@@ -40,9 +37,8 @@ class Discharge:
         if self.counted_kg_per_s is None:
             return ()
         apart = abs(self.kg_per_s / self.counted_kg_per_s - 1)
-        limit = max(COUNTER_LIMIT, 2 * (self.standard_error or 0.0) / self.kg_per_s)
-        name = "discharge rate, deviation from LIGGGHTS' own counter"
-        return (Gate(name, apart, f"at most {limit:.2g}", apart <= limit),)
+        high = max(DISCHARGE.high, 2 * (self.standard_error or 0.0) / self.kg_per_s)
+        return (replace(DISCHARGE, high=high).gate(apart),)
 
     @property
     def figures(self) -> dict[str, Any]:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from granpipe.case.schema import Case
-from granpipe.fluid.fictitious import solve_fluid, to_field
+from granpipe.field import Field, level_flow
+from granpipe.fluid.fictitious import FluidSolution, solve_fluid, to_field
 from granpipe.fluid.wall_speed import WallLaw
 from granpipe.geometry.section import mesh_section
+from granpipe.pipeline.gates import CLEAN_UP, CONSERVED, PEAK, RESIDUAL, Gate, breach_gates, cells_gate, upward_gate
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
@@ -45,12 +50,54 @@ def fluid_field(plan: Plan) -> ModelResult:
     material = case.material
     packing = 1.0 if material.bulk_density is None else material.bulk_density / material.density
     mesh = section_mesh(plan)
-    solution = solve_fluid(mesh, wall_law(case), target_flow(case, packing), case.fluid.order)
+    flow = target_flow(case, packing)
+    solution = solve_fluid(mesh, wall_law(case), flow, case.fluid.order)
     field = to_field(solution, plan.grid, outline.inside_fraction(plan.grid), packing)
-    figures = {
-        "triangles": len(mesh.triangles),
+    gates = (*fluid_gates(plan, field, solution), *breach_gates(plan.breaches))
+    return ModelResult(field=field, gates=gates, figures=solve_figures(solution), solution=solution)
+
+
+def solve_figures(solution: FluidSolution) -> dict[str, Any]:
+    """Figures of the solve."""
+    return {
+        "triangles": len(solution.mesh.triangles),
         "unknowns": solution.unknowns,
         "residual": solution.residual,
         "velocity_corrected_by_psi": solution.correction,
     }
-    return ModelResult(field=field, gates=(), figures=figures, solution=solution)
+
+
+def fluid_gates(
+    plan: Plan, field: Field, solution: FluidSolution, followed: Sequence[tuple[float, float]] = ()
+) -> list[Gate]:
+    """The gates of a field that a fluid has made.
+
+    Parameters
+    ----------
+    followed : lower and upper ends of what a hybrid follows [m], where the fluid has no say
+    """
+    flow = field.bulk_flow * field.bulk_packing
+    carried = level_flow(field.flux_z, field.grid) / flow
+    return [
+        upward_gate(field),
+        PEAK.gate(_peak(plan, field, followed)),
+        CLEAN_UP.gate(solution.correction),
+        RESIDUAL.gate(solution.residual),
+        CONSERVED.gate(float(np.abs(carried - 1).max())),
+        cells_gate(plan),
+    ]
+
+
+def _peak(plan: Plan, field: Field, followed: Sequence[tuple[float, float]]) -> float:
+    """Fastest downward velocity over the mean of its level, of all levels that are the fluid's own."""
+    outline, z = plan.outline, field.grid.z_edges
+    own = np.ones(len(z), dtype=bool)
+    for low, high in followed:
+        own &= (z < low) | (z > high)
+    if plan.case.fluid.outlet_profile != "developed":
+        own &= z > outline.z_bottom + 2 * outline.outlet_radius
+    if not own.any():
+        return 1.0
+    area = np.minimum(outline.area(z, "below"), outline.area(z, "above"))
+    mean = field.bulk_flow * field.bulk_packing / area
+    return float((np.maximum(-field.flux_z, 0).max(axis=1) / mean)[own].max())

@@ -1,30 +1,22 @@
-"""Quality gates: measured figures with limits. A run that fails one keeps its results, marked, and ends with 4."""
+"""Gates and notes: every measured figure that has a limit, defined once; `gates_page` writes them down for users.
+
+A run that fails a gate keeps its results, marked, and ends with status 4. A note tells what to keep in mind of a result
+that is right as far as it goes; it marks nothing.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from granpipe.dem.contact import MEAN_OVERLAP, P99_OVERLAP
-from granpipe.field import Array
-
-LEVEL_FLOW_LIMIT = 0.05
-"""Raw flow through any level less what the filling gained above the plug, against the plug's: a balance."""
-
-STORAGE_LIMIT = 0.1
-"""Part of the flow that may gather between the plug and any level: what is taken off for it is uncertain by a fifth."""
-
-LEAST_EFFECTIVE = 20
-"""Independent blocks that an error bar needs before a run may end by it: one of 20 is itself uncertain by 16 %."""
-
-SIZE_SHARE_LIMIT = 0.02
-"""Inserted mass share of any size class against the one asked for."""
-
-PACKING_RANGE = (0.5, 0.68)
-"""Packing of a bed of spheres: looser is not at rest, denser overlaps."""
+from granpipe.field import Array, Field, level_flow
+from granpipe.geometry.openings import find_openings
+from granpipe.planning.plan import Plan
 
 
 @dataclass(frozen=True)
@@ -40,8 +32,277 @@ class Gate:
         """For ``provenance.json``."""
         return asdict(self)
 
+    def of(self, part: str) -> Gate:
+        """The same gate, named as that of a part of the run."""
+        return replace(self, name=f"{part}: {self.name}")
+
     def __str__(self) -> str:
         return f"{self.name}: {self.value:.3g}, must be {self.limit}"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A figure that a run measures, and between which limits it must lie.
+
+    Parameters
+    ----------
+    name : of the figure
+    models : for which models it is measured
+    why : what is wrong beyond the limits, and what was measured for them
+    low, high : the limits
+    remedy : what a user can do
+    percent : whether the figure is a part of something
+    """
+
+    name: str
+    models: str
+    why: str
+    low: float = -math.inf
+    high: float = math.inf
+    remedy: str = ""
+    percent: bool = False
+
+    def gate(self, value: float, where: str = "", remedy: str | None = None) -> Gate:
+        """The gate for a measured value; what is not a number fails."""
+        remedy = self.remedy if remedy is None else remedy
+        return Gate(
+            f"{self.name}{where}",
+            value,
+            f"{self.range}{f' ({remedy})' if remedy else ''}",
+            bool(self.low <= value <= self.high),
+        )
+
+    @property
+    def range(self) -> str:
+        """The limits in words."""
+        low, high = (f"{one:.3g}" if not self.percent else f"{100 * one:.3g}%" for one in (self.low, self.high))
+        if math.isinf(self.low) and math.isinf(self.high):
+            return "as the case has it"
+        if math.isinf(self.low):
+            return f"at most {high}"
+        return f"at least {low}" if math.isinf(self.high) else f"{low} to {high}"
+
+
+PARTICLES, ANY, FLUID = "dem, hybrid", "dem, fluid, hybrid", "fluid, hybrid"
+
+LEVEL_FLOW = Limit(
+    "raw flow through the worst level less what gathers below it, relative to the plug's",
+    PARTICLES,
+    "Before any adjustment every level must carry what the plate takes away, but for what the measured change of the "
+    "filling explains. More is a fault of the average, not noise.",
+    high=0.05,
+    percent=True,
+    remedy="average longer: dem.max_time",
+)
+STORAGE = Limit(
+    "part of the flow that gathers between the plug and the worst level",
+    PARTICLES,
+    "The field is made steady by taking this part off; what is taken off is uncertain by a fifth of itself. Beyond 20 "
+    "% no field is made at all.",
+    high=0.1,
+    percent=True,
+    remedy="average later or longer: homogenize.start, dem.max_time",
+)
+STATISTICAL_ERROR = Limit(
+    "statistical error",
+    PARTICLES,
+    "The limit is `dem.statistical_error` of the case, which every section must reach; there is no gate where the case "
+    "gives none.",
+    percent=True,
+)
+BLOCKS = Limit(
+    "independent blocks",
+    PARTICLES,
+    "Of how many independent stretches the error is made: an error bar from 20 is itself uncertain by 16 %.",
+    low=20,
+)
+SIZE_SHARE = Limit(
+    "mass share of the worst size class, deviation",
+    PARTICLES,
+    "The bed must hold the sizes that the case describes.",
+    high=0.02,
+)
+OVERLAPS = tuple(
+    Limit(
+        f"{name} overlap of particles, settled",
+        PARTICLES,
+        "Softer particles than these flow differently and pack denser.",
+        high=high,
+        remedy="contact.youngs_modulus",
+    )
+    for name, high in (("mean", MEAN_OVERLAP), ("99th percentile of the", P99_OVERLAP))
+)
+DISCHARGE = Limit(
+    "discharge rate, deviation from LIGGGHTS' own counter",
+    PARTICLES,
+    "Of an open outlet. Two standard errors of the rate are allowed where they are more.",
+    high=0.01,
+    percent=True,
+)
+PACKING = Limit(
+    "reference packing",
+    PARTICLES,
+    "Of the plug above a plate, or of the bed above an open outlet. "
+    "Spheres that are looser are not at rest against each other, denser ones overlap.",
+    low=0.5,
+    high=0.68,
+)
+SMOOTHING = Limit(
+    "change of the field by smoothing, beyond noise",
+    PARTICLES,
+    "Smoothing may take away noise, no more: √(E² − noise²), E the relative difference of the final field from the raw "
+    "average and noise the standard error of the raw average.",
+    high=0.1,
+    percent=True,
+    remedy="fewer homogenize.smoothing_passes, or homogenize.method: psi",
+)
+OFF_CENTRE = Limit(
+    "flow to one side",
+    PARTICLES,
+    "Amplitude a of a flow ∝ 1 + a cos θ around the axis, 0 where it is less than four standard errors. A field of r "
+    "and z cannot show it: the flow at one place differs from it by a/√2. Without any such flow the chance of an alarm "
+    "is 3e-4 in each section.",
+    high=0.1,
+    percent=True,
+    remedy="average longer, or keep in mind that the flow is not axisymmetric",
+)
+RENEWED = Limit(
+    "turnovers of the vessel during the average",
+    PARTICLES,
+    "Below a tenth next to nothing has passed the vessel: the average is one of the filling, not of a flow.",
+    low=0.1,
+    remedy="average longer: dem.max_time",
+)
+UPWARD = Limit(
+    "upward flow through the worst level, relative to the whole flow",
+    ANY,
+    "Solids that empty by their weight do not flow upwards on average, but a viscous fluid does, in eddies above "
+    "ledges (2.6 to 4.3 % of the flow were measured) and flat floors (10 to 340 %). Cones of a half-angle up to 70°: "
+    "0; steps of a tenth of the radius: 0.7 %; DEM of the smoke scene: 0.01 %.",
+    high=0.01,
+    percent=True,
+    remedy="the sections there need particles: model: dem or hybrid",
+)
+PEAK = Limit(
+    "fastest downward velocity over the mean of its level",
+    FLUID,
+    "In mass flow the core is about twice as fast as the mean. Measured: cones of up to 45° with any wall factor from "
+    "0.1 on 1.1 to 2.9, obstacles 1.4 to 1.8, flat floors and ledges 4.6 and more. Where a hybrid follows particles, "
+    "and within a diameter of an outlet whose profile the case gives, it does not count.",
+    high=3.0,
+    remedy="the sections there need particles: model: dem or hybrid",
+)
+CLEAN_UP = Limit(
+    "velocity that was not divergence-free before ψ replaced it",
+    FLUID,
+    "The elements conserve only on average; the stream function conserves exactly and replaces their velocity. "
+    "Measured: 1e-14 (pipe) to 0.75 % in vessels, 1.6 % with an annular outlet of a hundredth of the radius, 47 % with "
+    "one of 1e-8 cm.",
+    high=0.03,
+    percent=True,
+    remedy="make narrow openings wider, fluid.force_factor smaller, or fluid.order larger",
+)
+RESIDUAL = Limit(
+    "residual of the fluid's linear system",
+    FLUID,
+    "At most 6e-14 was measured; above 1e-8 there is no result.",
+    high=1e-10,
+)
+CONSERVED = Limit(
+    "flow through the worst level, deviation from the flow asked for",
+    FLUID,
+    "The field conserves by construction, to rounding.",
+    high=1e-9,
+)
+CELLS = Limit(
+    "cells of the grid across the narrowest opening",
+    ANY,
+    "On fewer cells the velocity in an opening is an average over most of it. By default there are 40 (fluid), or 4 in "
+    "a particle diameter.",
+    low=4,
+    remedy="homogenize.cell",
+)
+FOLLOWED = Limit(
+    "difference of the fluid from the flow that it follows",
+    "hybrid",
+    "Relative difference E in the sections that were simulated. It is small, or the force is too weak.",
+    high=0.05,
+    percent=True,
+    remedy="a larger fluid.force_factor",
+)
+SEAM = Limit(
+    "difference at a seam",
+    "hybrid",
+    "Relative difference E of the fluid from the particles in the margin where the two meet. There both describe the "
+    "same flow, or the section beyond the margin is not one for a fluid.",
+    high=0.15,
+    percent=True,
+    remedy="model: dem for the section beyond it",
+)
+BREACH = Limit(
+    "setting of the case",
+    ANY,
+    "A value outside the stable or accurate range is taken as it is, and the result is marked. `granpipe plan` shows "
+    "it before the run.",
+)
+
+GATES = (
+    BREACH,
+    UPWARD,
+    CELLS,
+    LEVEL_FLOW,
+    STORAGE,
+    STATISTICAL_ERROR,
+    BLOCKS,
+    DISCHARGE,
+    PACKING,
+    SIZE_SHARE,
+    *OVERLAPS,
+    SMOOTHING,
+    OFF_CENTRE,
+    RENEWED,
+    PEAK,
+    CLEAN_UP,
+    RESIDUAL,
+    CONSERVED,
+    FOLLOWED,
+    SEAM,
+)
+"""Every gate, in the order of the page."""
+
+TURNOVERS = Limit(
+    "turnovers of a section during the average",
+    PARTICLES,
+    "Below one the section still holds what it was filled with, so its packing, the mixture of sizes and the shape of "
+    "heaps may depend on the filling. Not a gate: sections with a heap at rest are like that by nature (0.2 to 0.4 at "
+    "the reactor's ring), and a velocity is steady long before.",
+    low=1,
+)
+LEANING = Limit(
+    "flow to one side, in standard errors",
+    PARTICLES,
+    "Three standard errors are exceeded by chance in 1 % of sections: a hint that asks for a look or a longer average.",
+    high=3,
+)
+TREND = Limit(
+    "trend of the solids or of their kinetic energy",
+    PARTICLES,
+    "Chance that a steady run shows such a trend, by Student's t on blocks. Not a gate: what a trend of the solids "
+    "does to the balance is measured by the level flow and the storage, which are.",
+    low=0.01,
+)
+SCATTER = Limit(
+    "scatter of the replicas over the standard error",
+    PARTICLES,
+    "Replicas that lie farther apart than their error bars allow: the bars are too small by about this factor. Not a "
+    "gate: few replicas give the factor itself only roughly.",
+    high=2,
+)
+NOTES = (TURNOVERS, LEANING, TREND, SCATTER)
+"""Every measured note, in the order of the page."""
+
+LEAST_LEAN = 4
+"""Standard errors below which a lean to one side is none for the gate."""
 
 
 def level_flow_gates(raw_flow: Array, gathered: Array, solids_flow: float) -> list[Gate]:
@@ -53,25 +314,11 @@ def level_flow_gates(raw_flow: Array, gathered: Array, solids_flow: float) -> li
     gathered : what of it the change of the filling between the plug and the level explains
     solids_flow : in the plug
     """
-    balance = float(np.abs((raw_flow - gathered) / solids_flow - 1).max())
-    storage = float(np.abs(gathered / solids_flow).max())
-    return [
-        Gate(
-            "raw flow through the worst level less what gathers below it, relative to the plug's",
-            balance,
-            f"at most {LEVEL_FLOW_LIMIT:.0%} (average longer: dem.max_time)",
-            balance <= LEVEL_FLOW_LIMIT,
-        ),
-        Gate(
-            "part of the flow that gathers between the plug and the worst level",
-            storage,
-            f"at most {STORAGE_LIMIT:.0%} (average later or longer: homogenize.start, dem.max_time)",
-            storage <= STORAGE_LIMIT,
-        ),
-    ]
+    balance = np.abs((raw_flow - gathered) / solids_flow - 1)
+    return [LEVEL_FLOW.gate(float(balance.max())), STORAGE.gate(float(np.abs(gathered / solids_flow).max()))]
 
 
-def error_gates(errors: dict[str, float], effective: float, target: float, duration: float) -> list[Gate]:
+def error_gates(errors: Mapping[str, float], effective: float, target: float, duration: float) -> list[Gate]:
     """Statistical error of the worst section and of the whole, and on how many independent blocks it rests.
 
     Parameters
@@ -82,51 +329,74 @@ def error_gates(errors: dict[str, float], effective: float, target: float, durat
     duration : simulated time that was averaged [s], for a forecast of what is missing
     """
     worst = max(errors, key=errors.__getitem__, default="whole")
-    error, missing = errors.get(worst, math.inf), missing_time(errors, effective, target, duration)
-    remedy = "" if missing == 0 else f" (dem.max_time: about {missing:.3g} s more)"
+    missing = missing_time(errors, effective, target, duration)
+    remedy = "" if missing == 0 else f"dem.max_time: about {missing:.3g} s more"
     return [
-        Gate(f"statistical error, section {worst}", error, f"at most {target:.3g}{remedy}", error <= target),
-        Gate("independent blocks", effective, f"at least {LEAST_EFFECTIVE}{remedy}", effective >= LEAST_EFFECTIVE),
+        replace(STATISTICAL_ERROR, high=target).gate(errors.get(worst, math.inf), f", section {worst}", remedy),
+        BLOCKS.gate(effective, remedy=remedy),
     ]
 
 
-def missing_time(errors: dict[str, float], effective: float, target: float, duration: float) -> float:
+def missing_time(errors: Mapping[str, float], effective: float, target: float, duration: float) -> float:
     """Simulated time [s] that an average still lacks, its error falling with the square root of its length."""
-    share = max((max(errors.values(), default=math.inf) / target) ** 2, LEAST_EFFECTIVE / effective)
+    share = max((max(errors.values(), default=math.inf) / target) ** 2, BLOCKS.low / effective)
     return duration * max(0.0, share - 1)
 
 
-def size_gate(share: list[float], wanted: list[float]) -> Gate:
-    """Mass share of each size class in the bed against the distribution of the case."""
-    worst = float(np.abs(np.array(share) - np.array(wanted)).max())
-    return Gate(
-        "mass share of the worst size class, deviation",
-        worst,
-        f"at most {SIZE_SHARE_LIMIT:g}",
-        worst <= SIZE_SHARE_LIMIT,
-    )
+def breach_gates(breaches: Iterable[str]) -> list[Gate]:
+    """Values of the case outside the stable or accurate range."""
+    return [Gate(f"{BREACH.name}: {breach}", 1.0, "inside the range", False) for breach in breaches]
 
 
-def overlap_gates(mean: float, p99: float) -> list[Gate]:
-    """Overlap of the settled bed: mean and 99th percentile."""
-    limits = (("mean", mean, MEAN_OVERLAP), ("99th percentile of the", p99, P99_OVERLAP))
-    return [
-        Gate(
-            f"{name} overlap of particles, settled",
-            value,
-            f"at most {limit:g} (contact.youngs_modulus)",
-            value <= limit,
-        )
-        for name, value, limit in limits
-    ]
+def upward_gate(field: Field) -> Gate:
+    """Flow upwards through the level where it is largest."""
+    upward = -level_flow(np.maximum(field.flux_z, 0.0), field.grid)
+    return UPWARD.gate(float(upward.max() / (field.bulk_flow * field.bulk_packing)))
 
 
-def packing_gate(packing: float) -> Gate:
-    """Reference packing: of the plug above a plate, or of the bed above an open outlet."""
-    low, high = PACKING_RANGE
-    return Gate("reference packing", packing, f"{low:g} to {high:g}", low <= packing <= high)
+def cells_gate(plan: Plan) -> Gate:
+    """Cells of the grid across the narrowest opening, and across the annulus through which a fluid leaves."""
+    widths = [opening.gap for opening in find_openings(plan.outline)]
+    if plan.case.fluid.annulus is not None and plan.model != "dem":
+        widths.append(plan.case.fluid.annulus[1] - plan.case.fluid.annulus[0])
+    return CELLS.gate(min(widths) / plan.grid.cell)
 
 
-def breach_gate(breach: str) -> Gate:
-    """A value of the case outside the stable or accurate range."""
-    return Gate(f"setting of the case: {breach}", 1.0, "inside the range", False)
+def lean_gate(off_centre: Mapping[str, Mapping[str, Any]]) -> Gate:
+    """Largest flow to one side of all sections that is beyond doubt.
+
+    Parameters
+    ----------
+    off_centre : section → amplitudes of the flow off the centre, of the first and second order, and their errors
+    """
+    leans = {name: lean(one) for name, one in off_centre.items()}
+    sure = {name: a for name, (a, error) in leans.items() if a > LEAST_LEAN * error}
+    worst = max(sure, key=sure.__getitem__, default="")
+    return OFF_CENTRE.gate(sure.get(worst, 0.0), f", section {worst}" if worst else "")
+
+
+def lean(off_centre: Mapping[str, Any]) -> tuple[float, float]:
+    """Amplitude of the flow to one side and its standard error."""
+    return float(off_centre["amplitudes"][0]), float(off_centre["amplitudes_se"][0])
+
+
+def run_notes(figures: Mapping[str, Any]) -> list[str]:
+    """What to keep in mind of a DEM run, from its figures."""
+    notes = []
+    few = {name: turned for name, turned in figures.get("turnovers", {}).items() if not turned >= TURNOVERS.low}
+    if few:
+        sections = ", ".join(f"{name} {turned:.2g}" for name, turned in few.items())
+        notes.append(f"turned over less than once during the average, so it may depend on the filling: {sections}")
+    for name, one in figures.get("off_centre", {}).items():
+        amplitude, error = lean(one)
+        if amplitude > LEANING.high * error:
+            notes.append(f"section {name}: {amplitude:.0%} ± {error:.0%} of the flow lean to one side")
+    for what in ("solids", "kinetic_energy"):
+        trend = figures.get(f"trend_of_{what}")
+        if trend is not None and trend["p_value"] < TREND.low:
+            change, chance = trend["relative_change"], trend["p_value"]
+            notes.append(f"{what.replace('_', ' ')}: changes by {change:+.1%} over the average (p = {chance:.1g})")
+    scatter = figures.get("scatter_of_runs_over_error")
+    if scatter is not None and not scatter <= SCATTER.high:
+        notes.append(f"the replicas scatter {scatter:.2g} times as far as the standard errors let expect")
+    return notes

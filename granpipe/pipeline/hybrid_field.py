@@ -6,20 +6,22 @@ their stream functions are put together without interpolation.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from granpipe.errors import CaseError
-from granpipe.field import Array, Field, Grid, Mask, cell_squares, flux_from_psi
-from granpipe.fluid.fictitious import FluidSolution, solve_fluid, to_field
+from granpipe.field import Array, Field, Grid, Mask, cell_squares
+from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid.forcing import KnownFlow
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import StatisticalErrorCriterion
 from granpipe.pipeline.dem_field import dem_field
 from granpipe.pipeline.dem_stages import simulate
-from granpipe.pipeline.fluid_field import section_mesh, wall_law
+from granpipe.pipeline.fluid_field import fluid_gates, section_mesh, solve_figures, wall_law
+from granpipe.pipeline.gates import FOLLOWED, SEAM, Gate
+from granpipe.pipeline.known_field import known_results
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
@@ -28,44 +30,56 @@ from granpipe.planning.submodel import Span
 BAND_CELLS = 2
 """Largest triangle where the fluid follows a known flow, in cells of its grid: larger ones cannot follow its detail."""
 
-Parts = list[tuple[Span, ModelResult]]
+Followed = list[tuple[Span, ModelResult]]
+"""Spans of sections, and the field that the fluid follows in each."""
 
 
 def hybrid_field(plan: Plan, context: Context) -> ModelResult:
-    """Simulate every sub-model, or read an earlier field, then solve for the fluid that follows them."""
+    """Simulate every sub-model, or read an earlier field, then solve for the fluid that follows them.
+
+    Raises
+    ------
+    CaseError
+        what is to be followed has no stream function, or is an earlier field that does not fit
+    """
     case = plan.case
-    parts: Parts = []
+    followed: Followed = []
     for span, submodel in plan.submodels:
         context.progress.note(f"sub-model of section {span.name}")
-        parts.append((span, dem_field(submodel, simulate(submodel, context, StatisticalErrorCriterion(submodel)))))
+        followed.append((span, dem_field(submodel, simulate(submodel, context, StatisticalErrorCriterion(submodel)))))
     if case.fluid.known_field is not None:
-        earlier = Field.load(Path(case.fluid.known_field))
-        parts += [(span, ModelResult(_cut_out(earlier, span, plan), ())) for span in plan.followed]
+        followed += known_results(plan)
     context.progress.stage("fluid")
-    packing = float(np.mean([made.field.bulk_packing for _, made in parts]))
-    known = known_flow(plan, parts)
+    packing = float(np.mean([made.field.bulk_packing for _, made in followed]))
+    known = known_flow(plan, followed)
     bands = [(low - known.ramp, high + known.ramp, BAND_CELLS * plan.grid.cell) for low, high in known.intervals]
     solution = solve_fluid(
         section_mesh(plan, bands), wall_law(case), target_flow(case, packing), case.fluid.order, known
     )
     field = to_field(solution, plan.grid, plan.outline.inside_fraction(plan.grid), packing)
-    errors = _errors(field, parts)
-    field = replace(field, bulk=_bulk(field, parts), flux_r_se=errors[0], flux_z_se=errors[1])
+    errors = _errors(field, followed)
+    field = replace(field, bulk=_bulk(field, followed), flux_r_se=errors[0], flux_z_se=errors[1])
+    differences = {span.name: _differences(field, made.field, span) for span, made in followed}
     return ModelResult(
         field=field,
-        gates=tuple(gate for _, made in parts for gate in made.gates),
-        figures=_figures(field, solution, parts),
-        productions=tuple(production for _, made in parts for production in made.productions),
+        gates=(
+            *(gate.of(span.name) for span, made in followed for gate in made.gates),
+            *_following_gates(differences),
+            *fluid_gates(plan, field, solution, [(span.cut_bottom, span.cut_top) for span, _ in followed]),
+        ),
+        figures=solve_figures(solution) | {"difference_from_what_is_followed": differences},
+        notes=tuple(f"{span.name}: {note}" for span, made in followed for note in made.notes),
+        productions=tuple(production for _, made in followed for production in made.productions),
         solution=solution,
-        notes=tuple(note for _, made in parts for note in made.notes),
+        submodels={span.name: made for span, made in followed},
     )
 
 
-def known_flow(plan: Plan, parts: Parts) -> KnownFlow:
-    """The sub-models' stream functions on the vessel's grid, for a flow of 1 m³/s; between them the nearest row's."""
+def known_flow(plan: Plan, followed: Followed) -> KnownFlow:
+    """ψ of what is followed on the vessel's grid, for a flow of 1 m³/s; between the spans that of the nearest row."""
     grid = plan.grid
     psi = np.full((len(grid.z_edges), len(grid.r_edges)), np.nan)
-    for _, made in parts:
+    for _, made in followed:
         field = made.field
         if field.psi is None:
             raise CaseError(
@@ -77,7 +91,7 @@ def known_flow(plan: Plan, parts: Parts) -> KnownFlow:
         psi[rows, unit.shape[1] :] = unit[:, -1:]
     known = np.flatnonzero(np.isfinite(psi[:, 0]))
     nearest = known[np.abs(np.arange(len(psi))[:, None] - known).argmin(axis=1)]
-    spans = [span for span, _ in parts]
+    spans = [span for span, _ in followed]
     margins = [m for span in spans for m in (span.cut_top - span.top, span.bottom - span.cut_bottom) if m > 0]
     return KnownFlow(
         r_edges=grid.r_edges,
@@ -89,61 +103,26 @@ def known_flow(plan: Plan, parts: Parts) -> KnownFlow:
     )
 
 
-def _cut_out(field: Field, span: Span, plan: Plan) -> Field:
-    """The part of an earlier field that a span covers, on the vessel's rows; ψ by a bicubic spline in z and r²."""
-    from scipy.interpolate import RectBivariateSpline
-
-    name, old = plan.case.fluid.known_field, field.grid
-    slack = 0.5 * plan.grid.cell
-    if old.z_edges[0] > span.cut_bottom + slack or old.z_edges[-1] < span.cut_top - slack:
-        raise CaseError(
-            f"{name} covers z = {old.z_edges[0]:g} … {old.z_edges[-1]:g} m; section {span.name} with its margins needs "
-            f"{span.cut_bottom:g} … {span.cut_top:g} m",
-            ("fluid", "known_field"),
-        )
-    if field.psi is None:
-        raise CaseError(f"{name} has no stream function; make it with homogenize.method: psi", ("fluid", "known_field"))
-    levels = plan.grid.z_edges
-    grid = Grid(plan.grid.r_edges, levels[(levels > span.cut_bottom - slack) & (levels < span.cut_top + slack)])
-    spline = RectBivariateSpline(old.z_edges, old.r_edges**2, field.psi)
-    psi = spline(grid.z_edges, np.minimum(grid.r_edges, old.r_edges[-1]) ** 2)
-    psi[:, 0] = 0.0
-    flux_r, flux_z = flux_from_psi(psi, grid)
-    row = np.clip(np.searchsorted(old.z_edges, grid.z_centres) - 1, 0, old.shape[0] - 1)
-    column = np.clip(np.searchsorted(old.r_edges, grid.r_centres) - 1, 0, old.shape[1] - 1)
-    return Field(
-        grid=grid,
-        inside_fraction=plan.outline.inside_fraction(grid),
-        bulk=field.bulk[np.ix_(row, column)],
-        flux_r=flux_r,
-        flux_z=flux_z,
-        bulk_flow=field.bulk_flow,
-        bulk_packing=field.bulk_packing,
-        flow_scale=target_flow(plan.case, field.bulk_packing) / field.bulk_flow,
-        psi=psi,
-    )
-
-
 def _rows(part: Grid, z_edges: Array) -> slice:
     """Where the levels of a sub-model's grid stand among those of the vessel."""
     first = int(np.abs(z_edges - part.z_edges[0]).argmin())
     return slice(first, first + len(part.z_edges))
 
 
-def _bulk(field: Field, parts: Parts) -> Mask:
+def _bulk(field: Field, followed: Followed) -> Mask:
     """Solids everywhere inside, but for the voids that the sub-models found."""
     bulk = field.bulk.copy()
-    for _, made in parts:
+    for _, made in followed:
         rows = _rows(made.field.grid, field.grid.z_edges)
         cells = slice(rows.start, rows.stop - 1), slice(0, made.field.grid.shape[1])
         bulk[cells] &= made.field.bulk
     return bulk
 
 
-def _errors(field: Field, parts: Parts) -> tuple[Array | None, Array | None]:
+def _errors(field: Field, followed: Followed) -> tuple[Array | None, Array | None]:
     """Standard errors of the flux where the fluid follows a DEM that has them; the fluid of its own has no noise."""
     error_r, error_z = np.zeros_like(field.flux_r), np.zeros_like(field.flux_z)
-    for _, made in parts:
+    for _, made in followed:
         part = made.field
         if part.flux_r_se is None or part.flux_z_se is None:
             return None, None
@@ -154,20 +133,22 @@ def _errors(field: Field, parts: Parts) -> tuple[Array | None, Array | None]:
     return error_r, error_z
 
 
-def _figures(field: Field, solution: FluidSolution, parts: Parts) -> dict[str, object]:
-    figures: dict[str, object] = {"unknowns": solution.unknowns, "residual": solution.residual}
-    for span, made in parts:
-        figures[f"known in {span.name}"] = made.figures
-        figures[f"difference from what is known in {span.name}"] = _difference(field, made.field, span.bottom, span.top)
-        if span.cut_top > span.top:
-            figures[f"difference at the upper seam of {span.name}"] = _difference(
-                field, made.field, span.top, span.cut_top
-            )
-        if span.cut_bottom < span.bottom:
-            figures[f"difference at the lower seam of {span.name}"] = _difference(
-                field, made.field, span.cut_bottom, span.bottom
-            )
-    return figures
+def _differences(field: Field, part: Field, span: Span) -> dict[str, float]:
+    """How far the fluid is from what it follows: in the span's own sections, and in the margins above and below."""
+    ranges = {
+        "sections": (span.bottom, span.top),
+        "upper seam": (span.top, span.cut_top),
+        "lower seam": (span.cut_bottom, span.bottom),
+    }
+    return {name: _difference(field, part, low, high) for name, (low, high) in ranges.items() if low < high}
+
+
+def _following_gates(differences: Mapping[str, Mapping[str, float]]) -> list[Gate]:
+    return [
+        (FOLLOWED if where == "sections" else SEAM).gate(value, f", {where} of {name}")
+        for name, found in differences.items()
+        for where, value in found.items()
+    ]
 
 
 def _difference(field: Field, part: Field, low: float, high: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +17,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ModelResult:
-    """What the stages hand over: the field, its gates, measured figures, the model's own data, notes for the user."""
+    """What the stages hand over: the field, its gates, measured figures, notes, and the model's own data.
+
+    `submodels` holds, by name, what a hybrid follows.
+    """
 
     field: Field
     gates: tuple[Gate, ...]
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
+    notes: tuple[str, ...] = ()
     productions: tuple[Production, ...] = ()
     solution: FluidSolution | None = None
-    notes: tuple[str, ...] = ()
+    submodels: Mapping[str, ModelResult] = dataclasses.field(default_factory=dict)

@@ -81,16 +81,27 @@ def write_results(
             "made": datetime.now().astimezone().isoformat(timespec="seconds"),
             "granpipe": __version__,
             "versions": versions,
-            "seed": plan.case.dem.seed if plan.model == "dem" else None,
             "wall_seconds": round(time.monotonic() - begun, 2),
             "forecast_seconds": round(forecast(plan, known_rates()), 2),
-            "figures": made.figures,
-            "quality": [gate.as_dict() for gate in made.gates],
+            **_record(plan if plan.model == "dem" else None, made),
+            "submodels": {name: _record(plan.submodel(name), submodel) for name, submodel in made.submodels.items()},
             "files": sorted(str(path.relative_to(aside)) for path in aside.rglob("*") if path.is_file()),
         }
         write_json(aside / "provenance.json", provenance)
         write_run_report(aside)
     return tuple(gate for gate in made.gates if not gate.passed)
+
+
+def _record(plan: Plan | None, made: ModelResult) -> dict[str, Any]:
+    """What a run has measured; `plan` is that of its DEM run, None where it has none of its own."""
+    seeds = [] if plan is None else [plan.case.dem.seed + replica for replica in range(plan.case.dem.replicas)]
+    return {
+        "seed": seeds[0] if seeds else None,
+        "seeds": seeds,
+        "figures": made.figures,
+        "quality": [gate.as_dict() for gate in made.gates],
+        "notes": list(made.notes),
+    }
 
 
 def plan_summary(plan: Plan) -> dict[str, Any]:
@@ -121,6 +132,10 @@ def plan_summary(plan: Plan) -> dict[str, Any]:
             "seconds": plan.seconds,
             "disk_bytes": plan.disk_bytes,
         }
+    summary["submodels"] = {
+        span.name: {"z_m": [span.cut_top, span.cut_bottom], **plan_summary(submodel)}
+        for span, submodel in plan.submodels
+    }
     return summary
 
 

@@ -69,7 +69,7 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
     if file.case.homogenize.fields:
         made = _with_derived(made, file.case.homogenize.fields)
     for note in made.notes:
-        progress.note(note)
+        progress.note(f"note: {note}")
     progress.stage("results")
     failed = write_results(folder, plan, made, key, versions, begun)
     return Outcome(folder, failed)

@@ -41,6 +41,8 @@ FLUID_SECONDS = 3.0
 
 OUTLET_NOTE = "within one diameter of the outlet the field depends on the profile that fluid.outlet_profile prescribes"
 
+ANNULUS = ("fluid", "annulus")
+
 HYBRID_GAIN = 0.8
 """`auto` takes the hybrid only where its DEM costs less than this part of a DEM run of the whole vessel."""
 
@@ -63,6 +65,7 @@ class Plan:
     submodels : sub-models of a hybrid and the spans of sections that they stand for
     followed : spans in which a hybrid follows the field of an earlier run instead
     decisions : settings with their criteria; their warnings and breaches are in `warnings` and `breaches`
+    unfit : sections that a fluid does not describe, and why, where the case asks for a fluid all the same
     particle_steps : cost of DEM, filling included
     seconds, disk_bytes : forecasts for this machine's cores, LIGGGHTS running alone
     """
@@ -81,6 +84,7 @@ class Plan:
     particle_steps: float
     seconds: float
     disk_bytes: float
+    unfit: tuple[str, ...] = ()
 
     @property
     def dem(self) -> Settings:
@@ -93,6 +97,10 @@ class Plan:
         """The DEM runs of the plan: its own, those of its sub-models, or none."""
         return (self,) if self.settings is not None else tuple(submodel for _, submodel in self.submodels)
 
+    def submodel(self, name: str) -> Plan | None:
+        """The plan of a sub-model; None where there is none of this name, because an earlier field is followed."""
+        return next((plan for span, plan in self.submodels if span.name == name), None)
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the user should keep in mind."""
@@ -101,7 +109,10 @@ class Plan:
     @property
     def breaches(self) -> tuple[str, ...]:
         """Values of the case outside the stable or accurate range."""
-        return tuple(f"{c.name} = {c.value}: {c.breach}" for c in self.decisions if c.breach)
+        return (
+            *(f"model = fluid: {one}" for one in self.unfit),
+            *(f"{c.name} = {c.value}: {c.breach}" for c in self.decisions if c.breach),
+        )
 
 
 def make_plan(case: Case, cores: int = 1) -> Plan:
@@ -195,9 +206,8 @@ class _Scene:
         return Stage("fluid" if regime == "mass_flow" else "dem", f"{regime} hopper ({figures})")
 
     def _fluid(self) -> Plan:
-        unfit = [
-            f"section {n}: {why}; the fictitious fluid does not describe that" for n, why in self.needs.items() if why
-        ]
+        self._check_annulus()
+        unfit = tuple(f"section {n} is not for a fluid: {why}" for n, why in self.needs.items() if why)
         why = "the case asks for it" if unfit else "every section is straight or a mass-flow hopper"
         left = [Stage("DEM run", "no section needs it" if not unfit else "the case asks for a fluid")]
         left.append(Stage("averaging", "there are no particles"))
@@ -205,8 +215,9 @@ class _Scene:
             left.append(Stage("3-D picture", "there are no particles to show"))
         left += self._left_out_fields("there are no particles")
         stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid"), self._results("fluid")]
-        notes = [*unfit, *([] if self.case.fluid.outlet_profile == "developed" else [OUTLET_NOTE])]
-        return self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
+        notes = [] if self.case.fluid.outlet_profile == "developed" else [OUTLET_NOTE]
+        plan = self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
+        return replace(plan, unfit=unfit)
 
     def _dem(self) -> Plan:
         settings = choose(self.case, self._vessel(), self.cores)
@@ -259,6 +270,7 @@ class _Scene:
             )
 
     def _hybrid(self) -> Plan:
+        self._check_annulus()
         case = self.case
         classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
         found = spans(case, self.needs, classes.d90, lambda z, side: float(self.outline.wall_radius(z, side)))
@@ -286,6 +298,19 @@ class _Scene:
             seconds=FLUID_SECONDS + sum(submodel.seconds for _, submodel in submodels),
             disk_bytes=sum(submodel.disk_bytes for _, submodel in submodels),
         )
+
+    def _check_annulus(self) -> None:
+        """CaseError where particles cannot leave between the two radii of a fluid's outlet."""
+        if (annulus := self.case.fluid.annulus) is None:
+            return
+        (inner, outer), radius = annulus, self.outline.outlet_radius
+        particle = size_classes(self.case.material.size).d90
+        if outer > radius + self.outline.tolerance:
+            raise CaseError(f"reaches to {outer:g} m, but the outlet has a radius of {radius:g} m", ANNULUS)
+        if outer - inner < particle:
+            raise CaseError(
+                f"is {outer - inner:.3g} m wide; particles (d90 = {particle:.3g} m) do not pass: make it wider", ANNULUS
+            )
 
     def _left_out_fields(self, why: str) -> list[Stage]:
         """What the case asks for under homogenize.fields that only particles can tell."""

@@ -70,7 +70,7 @@ def _variant_line(model: Model, plan: Plan | CaseError, rates: Rates | None) -> 
         return f"  {model:<7} not possible: {plan}"
     seconds = forecast(plan, rates)
     time_text = f"{seconds / 3600:.3g} h" if seconds >= 3600 else f"{seconds / 60:.2g} min"
-    unfit = "; does not describe every section" if model == "fluid" and plan.warnings else ""
+    unfit = "; does not describe every section" if plan.unfit else ""
     runs = [part.dem for _, part in _dem_runs(plan)]
     particles = " + ".join(str(dem.particles) for dem in runs) or "no"
     return (

@@ -57,8 +57,27 @@ def test_far_above_the_seam_the_pipe_is_a_plug(outcome: Outcome) -> None:
 
 def test_the_forced_part_follows_the_dem_and_the_seam_is_reported(outcome: Outcome) -> None:
     figures = json.loads((outcome.folder / "provenance.json").read_text())["figures"]
-    assert figures["difference from what is known in chamber"] < 0.1
-    assert 0 < figures["difference at the upper seam of chamber"] < 0.5
+    found = figures["difference_from_what_is_followed"]["chamber"]
+    assert found["sections"] < 0.02
+    assert 0 < found["upper seam"] < 0.15
+
+
+def test_settings_seeds_gates_and_times_of_the_sub_model_are_written_down(outcome: Outcome) -> None:
+    plan, provenance = (json.loads((outcome.folder / f"{name}.json").read_text()) for name in ("plan", "provenance"))
+    sub_plan, record = plan["submodels"]["chamber"], provenance["submodels"]["chamber"]
+    assert sub_plan["z_m"] == [pytest.approx(0.2), 0.0]
+    assert sub_plan["dem"]["steps"] > 0
+    assert any(decision["name"] == "youngs_modulus" for decision in sub_plan["dem"]["decisions"])
+    assert record["seeds"] == [1]
+    assert record["figures"]["produce_wall_seconds"][0] > 0
+    assert {f"chamber: {gate['name']}" for gate in record["quality"]} <= {g["name"] for g in provenance["quality"]}
+    report = (outcome.folder / "report.html").read_text()
+    assert "Settings of sub-model chamber" in report
+    assert "Time of sub-model chamber" in report
+
+
+def test_it_passes_its_gates(outcome: Outcome) -> None:
+    assert outcome.failed == ()
 
 
 def test_dem_ran_on_the_sub_model_alone(outcome: Outcome) -> None:

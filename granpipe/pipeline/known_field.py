@@ -1,0 +1,128 @@
+"""The field of an earlier run that a hybrid follows: read, checked against the vessel, and cut to what is followed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granpipe.errors import CaseError, DataError
+from granpipe.field import Field, Grid, flux_from_psi
+from granpipe.pipeline.gates import Gate
+from granpipe.pipeline.model_result import ModelResult
+from granpipe.planning.flow import target_flow
+from granpipe.planning.plan import Plan
+from granpipe.planning.submodel import Span
+from granpipe.system.jsonfile import read_json
+
+KEY = ("fluid", "known_field")
+
+FLOW_TOLERANCE = 1e-3
+"""Largest deviation of ψ on the wall from the flow that the field says it has, relative."""
+
+OUTLINE_TOLERANCE = 0.01
+"""Largest part of a row's free area that may lie outside the other's outline; the same vessel gives 0 to rounding."""
+
+
+def known_results(plan: Plan) -> list[tuple[Span, ModelResult]]:
+    """What the hybrid follows in each span, with the gates that the earlier run has failed.
+
+    Raises
+    ------
+    CaseError
+        the field is not one of this vessel, does not cover the spans, has no stream function, or no downward flow
+    DataError
+        the file cannot be read
+    """
+    path = Path(plan.case.fluid.known_field or "")
+    field = Field.load(path)
+    _check_flow(field, path)
+    gates, notes = _quality(path)
+    return [(span, ModelResult(_cut_out(field, span, plan, path), gates, notes=notes)) for span in plan.followed]
+
+
+def _check_flow(field: Field, path: Path) -> None:
+    if not field.grid.axial:
+        raise CaseError(f"{path} is a field in x and z; a vessel of revolution needs one in r and z", KEY)
+    if field.psi is None:
+        raise CaseError(f"{path} has no stream function; make it with homogenize.method: psi", KEY)
+    if not field.bulk_flow > 0:
+        raise CaseError(
+            f"{path} has a flow of {field.bulk_flow:g} m³/s; a hybrid follows a downward flow, above 0", KEY
+        )
+    carried = -2 * np.pi * (field.psi[:, -1] - field.psi[:, 0]) / (field.bulk_flow * field.bulk_packing)
+    worst = int(np.abs(carried - 1).argmax())
+    if abs(carried[worst] - 1) > FLOW_TOLERANCE:
+        raise CaseError(
+            f"{path} contradicts itself: at z = {field.grid.z_edges[worst]:g} m its stream function carries "
+            f"{carried[worst]:.3g} of the flow that it says it has; make it anew",
+            KEY,
+        )
+
+
+def _quality(path: Path) -> tuple[tuple[Gate, ...], tuple[str, ...]]:
+    """Gates that the run of the field has failed, as its results folder tells; a note where it does not."""
+    try:
+        gates = [Gate(**gate) for gate in read_json(path.parent / "provenance.json")["quality"]]
+    except (DataError, KeyError, TypeError):
+        return (), (f"{path} has no provenance.json beside it: whether its run passed its gates is not known",)
+    return tuple(gate.of(str(path)) for gate in gates if not gate.passed), ()
+
+
+def _cut_out(field: Field, span: Span, plan: Plan, path: Path) -> Field:
+    """The part of the field that a span covers, on the vessel's rows; ψ by a bicubic spline in z and r²."""
+    from scipy.interpolate import RectBivariateSpline
+
+    old, slack = field.grid, 0.5 * plan.grid.cell
+    if old.z_edges[0] > span.cut_bottom + slack or old.z_edges[-1] < span.cut_top - slack:
+        raise CaseError(
+            f"{path} covers z = {old.z_edges[0]:g} … {old.z_edges[-1]:g} m; section {span.name} with its margins needs "
+            f"{span.cut_bottom:g} … {span.cut_top:g} m",
+            KEY,
+        )
+    _check_outline(field, span, plan, path)
+    levels = plan.grid.z_edges
+    grid = Grid(plan.grid.r_edges, levels[(levels > span.cut_bottom - slack) & (levels < span.cut_top + slack)])
+    spline = RectBivariateSpline(old.z_edges, old.r_edges**2, field.psi)
+    psi = spline(grid.z_edges, np.minimum(grid.r_edges, old.r_edges[-1]) ** 2)
+    psi[:, 0] = 0.0
+    flux_r, flux_z = flux_from_psi(psi, grid)
+    row = np.clip(np.searchsorted(old.z_edges, grid.z_centres) - 1, 0, old.shape[0] - 1)
+    column = np.clip(np.searchsorted(old.r_edges, grid.r_centres) - 1, 0, old.shape[1] - 1)
+    return Field(
+        grid=grid,
+        inside_fraction=plan.outline.inside_fraction(grid),
+        bulk=field.bulk[np.ix_(row, column)],
+        flux_r=flux_r,
+        flux_z=flux_z,
+        bulk_flow=field.bulk_flow,
+        bulk_packing=field.bulk_packing,
+        flow_scale=target_flow(plan.case, field.bulk_packing) / field.bulk_flow,
+        psi=psi,
+    )
+
+
+def _check_outline(field: Field, span: Span, plan: Plan, path: Path) -> None:
+    """CaseError where the field's vessel is another one within the span, row by row of the field's grid."""
+    grid = field.grid
+    rows = (grid.z_centres > span.cut_bottom) & (grid.z_centres < span.cut_top)
+    here = plan.outline.inside_fraction(Grid(_beyond(grid.r_edges, plan.outline.r_max), grid.z_edges))[rows]
+    there = np.zeros_like(here)
+    there[:, : grid.shape[1]] = field.inside_fraction[rows]
+    area = np.pi * np.diff(_beyond(grid.r_edges, plan.outline.r_max) ** 2)
+    apart = (np.abs(here - there) @ area) / (here @ area)
+    worst = int(apart.argmax())
+    if apart[worst] > OUTLINE_TOLERANCE:
+        raise CaseError(
+            f"{path} is the field of another vessel: at z = {grid.z_centres[rows][worst]:.4g} m "
+            f"{apart[worst]:.0%} of the section lies outside the other's; give a field of this outline",
+            KEY,
+        )
+
+
+def _beyond(edges: Any, radius: float) -> Any:
+    """Edges (n,) of equal width, continued until they reach a radius."""
+    width = edges[1] - edges[0]
+    count = max(len(edges) - 1, int(np.ceil(radius / width - 1e-9)))
+    return np.concatenate([edges, width * np.arange(len(edges), count + 1)])

@@ -1,0 +1,95 @@
+"""Gates and notes: when they speak, and the page that tells of them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granpipe.field import Field, Grid, flux_from_psi
+from granpipe.pipeline.gates import GATES, NOTES, PACKING, SMOOTHING, lean_gate, run_notes, upward_gate
+from granpipe.pipeline.gates_page import gates_page
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_page_of_the_gates_is_current():
+    assert (ROOT / "docs" / "gates.md").read_text() == gates_page(), "run `make docs`"
+
+
+def test_every_gate_and_note_has_a_name_of_its_own_and_a_reason():
+    names = [one.name for one in (*GATES, *NOTES)]
+    assert len(set(names)) == len(names)
+    assert all(len(one.why) > 20 for one in (*GATES, *NOTES))
+
+
+@pytest.mark.parametrize(
+    ("value", "passed"), [(0.49, False), (0.5, True), (0.68, True), (0.69, False), (math.nan, False)]
+)
+def test_a_figure_passes_between_its_limits(value, passed):
+    gate = PACKING.gate(value)
+    assert gate.passed == passed
+    assert gate.limit == "0.5 to 0.68"
+
+
+def test_a_part_is_given_in_percent_with_the_remedy():
+    assert SMOOTHING.gate(0.2).limit.startswith("at most 10% (fewer homogenize.smoothing_passes")
+    assert str(SMOOTHING.gate(0.2, ", hopper")).startswith(
+        "change of the field by smoothing, beyond noise, hopper: 0.2, must"
+    )
+
+
+def off_centre(amplitude: float, error: float) -> dict[str, object]:
+    return {"amplitudes": [amplitude, 0.0], "amplitudes_se": [error, 0.0]}
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "error", "passed"),
+    [(0.25, 0.05, False), (0.22, 0.05, False), (0.18, 0.05, True), (0.08, 0.01, True), (0.02, 0.03, True)],
+)
+def test_a_lean_is_marked_where_it_is_large_and_beyond_doubt(amplitude, error, passed):
+    gate = lean_gate({"shaft": off_centre(0.01, 0.02), "cone": off_centre(amplitude, error)})
+    assert gate.passed == passed
+    assert passed or gate.name == "flow to one side, section cone"
+
+
+def test_a_lean_is_noted_from_three_standard_errors_on():
+    figures = {"off_centre": {"shaft": off_centre(0.05, 0.02), "cone": off_centre(0.08, 0.02)}}
+    assert run_notes(figures) == ["section cone: 8% ± 2% of the flow lean to one side"]
+
+
+def test_sections_that_turned_over_less_than_once_depend_on_the_filling():
+    (note,) = run_notes({"turnovers": {"a": 3.0, "ring": 0.31, "e": 0.2}})
+    assert note == "turned over less than once during the average, so it may depend on the filling: ring 0.31, e 0.2"
+
+
+def test_a_trend_is_noted_where_chance_does_not_explain_it():
+    figures = {
+        "trend_of_solids": {"relative_change": 0.04, "p_value": 0.002},
+        "trend_of_kinetic_energy": {"relative_change": 0.4, "p_value": 0.3},
+    }
+    assert run_notes(figures) == ["solids: changes by +4.0% over the average (p = 0.002)"]
+
+
+def test_replicas_that_scatter_are_noted():
+    assert run_notes({"scatter_of_runs_over_error": 1.9}) == []
+    assert "scatter 2.5 times" in run_notes({"scatter_of_runs_over_error": 2.5})[0]
+
+
+def test_a_quiet_run_has_no_notes():
+    assert run_notes({"turnovers": {"a": 1.0}, "off_centre": {"a": off_centre(0.01, 0.02)}}) == []
+
+
+@pytest.mark.parametrize(("eddy", "passed"), [(0.0, True), (0.005, True), (0.05, False)])
+def test_upward_flow_is_that_of_the_worst_level(eddy, passed):
+    """Plug flow, and a ring at the wall where as much flows up as down beside it: the part `eddy` of the flow."""
+    grid = Grid.covering(1.0, 0.0, 2.0, 0.1)
+    psi = np.tile(-(grid.r_edges**2) / (2 * np.pi), (len(grid.z_edges), 1))
+    psi[:, -2] = -(1 + eddy) / (2 * np.pi)  # beyond it flows back what is too much here
+    flux_r, flux_z = flux_from_psi(0.6 * psi, grid)
+    inside = np.ones(grid.shape)
+    gate = upward_gate(Field(grid, inside, inside > 0, flux_r, flux_z, 1.0, 0.6, 1.0))
+    assert gate.value == pytest.approx(eddy, abs=1e-12)
+    assert gate.passed == passed

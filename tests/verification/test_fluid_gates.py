@@ -1,0 +1,191 @@
+"""The gates of fluid and hybrid: silent on vessels that a fluid describes, and an alarm on those that it does not."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granpipe.case.reader import read_case
+from granpipe.errors import CaseError
+from granpipe.field import Field
+from granpipe.fluid.fictitious import solve_fluid, to_field
+from granpipe.fluid.wall_speed import WallLaw
+from granpipe.geometry.section import mesh_section
+from granpipe.pipeline.fluid_field import fluid_field
+from granpipe.pipeline.known_field import known_results
+from granpipe.planning.plan import Plan, make_plan
+
+Points = list[list[float]]
+
+
+def plan_of(
+    folder: Path,
+    wall: Points,
+    obstacles: dict[str, Points] | None = None,
+    sections: dict[str, object] | None = None,
+    model: str = "fluid",
+    **fluid: object,
+) -> Plan:
+    case = {
+        "name": "vessel",
+        "outline": {"unit": "m", "wall": wall, "obstacles": obstacles or {}}
+        | ({"sections": sections} if sections else {}),
+        "material": {"density": "2500 kg/m^3", "bulk_density": "1500 kg/m^3", "size": {"diameter": "1 cm"}},
+        "flow_rate": "1 m^3/h",
+        "model": model,
+        "fluid": fluid,
+    }
+    path = folder / "vessel.yaml"
+    path.write_text(json.dumps(case))
+    return make_plan(read_case(path).case)
+
+
+def failed(plan: Plan) -> list[str]:
+    return [gate.name for gate in fluid_field(plan).gates if not gate.passed]
+
+
+def cone(degrees: float, outlet: float = 0.5) -> tuple[Points, dict[str, object]]:
+    height = (1 - outlet) / np.tan(np.deg2rad(degrees))
+    wall = [[1, 2 + height], [1, 1 + height], [outlet, 1], [outlet, 0.5]]
+    hopper = {"z": [1 + height, 1], "regime": "mass_flow"}
+    return wall, {"shaft": [2 + height, 1 + height], "hopper": hopper, "pipe": [1, 0.5]}
+
+
+@pytest.mark.parametrize("size", [1e-2, 1.0, 1e2])
+@pytest.mark.parametrize("degrees", [5, 26.6, 45])
+def test_a_mass_flow_hopper_of_any_size_passes(tmp_path: Path, degrees: float, size: float) -> None:
+    wall, sections = cone(degrees)
+    scaled = (size * np.array(wall)).tolist()
+    for name, section in sections.items():
+        levels = section["z"] if isinstance(section, dict) else section
+        sections[name] = {"z": [size * z for z in levels], "regime": "mass_flow"}
+    assert failed(plan_of(tmp_path, scaled, sections=sections)) == []
+
+
+@pytest.mark.parametrize("wall", [[[1, 2], [1, 0]], [[0.1, 3], [0.1, 0]], [[10, 0.5], [10, 0]]])
+def test_a_pipe_passes_however_flat_or_tall(tmp_path: Path, wall: Points) -> None:
+    assert failed(plan_of(tmp_path, wall)) == []
+
+
+@pytest.mark.parametrize(
+    "profile", [{"outlet_profile": "uniform"}, {"outlet_profile": "annular", "annulus": [0.2, 0.4]}]
+)
+def test_an_outlet_profile_that_the_case_gives_passes(tmp_path: Path, profile: dict[str, object]) -> None:
+    wall, sections = cone(26.6)
+    assert failed(plan_of(tmp_path, wall, sections=sections, **profile)) == []
+
+
+@pytest.mark.parametrize("degrees", [80, 85, 88])
+def test_a_floor_that_is_nearly_level_turns_the_fluid_upwards(tmp_path: Path, degrees: float) -> None:
+    wall, sections = cone(degrees)
+    assert "upward flow through the worst level, relative to the whole flow" in failed(
+        plan_of(tmp_path, wall, sections=sections)
+    )
+
+
+@pytest.mark.parametrize(
+    "wall", [[[1, 2], [1, 1], [0.5, 1], [0.5, 0.5]], [[0.09, 0.11], [0.09, 0], [0.024, 0], [0.024, -0.006]]]
+)
+def test_a_flat_bottom_fails_by_its_eddies_and_its_fast_core(tmp_path: Path, wall: Points) -> None:
+    names = failed(plan_of(tmp_path, wall))
+    assert "upward flow through the worst level, relative to the whole flow" in names
+    assert "fastest downward velocity over the mean of its level" in names
+
+
+def test_a_fluid_where_an_obstacle_stands_is_marked_by_the_section(tmp_path: Path) -> None:
+    ring = {"ring": [[0.6, 0.8], [1, 0.8], [1, 1], [0.6, 1]]}
+    assert any("obstacle ring stands in it" in name for name in failed(plan_of(tmp_path, [[1, 2], [1, 0]], ring)))
+
+
+def test_an_annulus_narrower_than_the_cells_is_marked(tmp_path: Path) -> None:
+    wall, sections = cone(26.6)
+    plan = plan_of(tmp_path, wall, sections=sections, outlet_profile="annular", annulus=[0.2, 0.23])
+    assert "cells of the grid across the narrowest opening" in failed(plan)
+
+
+def test_an_annulus_that_nothing_passes_is_refused(tmp_path: Path) -> None:
+    wall, sections = cone(26.6)
+    with pytest.raises(CaseError, match=r"is 1e-10 m wide; particles \(d90 = 0.01 m\) do not pass"):
+        plan_of(tmp_path, wall, sections=sections, outlet_profile="annular", annulus=[0.2, 0.2 + 1e-10])
+    with pytest.raises(CaseError, match=r"reaches to 0.6 m, but the outlet has a radius of 0.5 m"):
+        plan_of(tmp_path, wall, sections=sections, outlet_profile="annular", annulus=[0.2, 0.6])
+
+
+def test_the_clean_up_is_large_where_an_outlet_is_far_too_narrow() -> None:
+    """A slit of 1e-10 of the vessel: Taylor–Hood elements do not conserve there; solved without the case's checks."""
+    wall = np.array(cone(26.6)[0])
+    annulus = (0.2, 0.2 + 1e-6)
+    mesh = mesh_section(wall, {}, {}, outlet_radii=annulus)
+    assert solve_fluid(mesh, WallLaw(outlet_profile="annular", annulus=annulus), 1.0).correction > 0.01
+
+
+# --- the field that a hybrid follows ----------------------------------------------------------------------------------
+
+VESSEL: Points = [[1, 4], [1, 2], [1.5, 2], [1.5, 0]]
+SECTIONS: dict[str, object] = {"pipe": [4, 2], "chamber": [2, 0]}
+
+
+def saved(folder: Path, wall: Points, name: str = "field.npz") -> Path:
+    """The field of some vessel, a fluid's, as an earlier run might have left it."""
+    plan = plan_of(folder, wall)
+    solution = solve_fluid(mesh_section(plan.outline.wall, {}, {}), WallLaw(), 2.0)
+    to_field(solution, plan.grid, plan.outline.inside_fraction(plan.grid), 0.6).save(folder / name)
+    return folder / name
+
+
+def followed(folder: Path, path: Path) -> list[tuple[object, object]]:
+    return list(known_results(plan_of(folder, VESSEL, sections=SECTIONS, model="hybrid", known_field=str(path))))
+
+
+def test_the_field_of_the_same_vessel_is_followed(tmp_path: Path) -> None:
+    ((_, made),) = followed(tmp_path, saved(tmp_path, VESSEL))
+    assert made.gates == ()
+    assert "provenance.json" in made.notes[0]
+    assert made.field.grid.z_edges[0] == 0
+
+
+@pytest.mark.parametrize(
+    "wall",
+    [
+        [[1, 4], [1, 2], [1.48, 2], [1.48, 0]],
+        [[1, 4], [1, 1.5], [1.5, 1.5], [1.5, 0]],
+        [[1.02, 4], [1.02, 2], [1.5, 2], [1.5, 0]],
+        [[1.5, 4], [1.5, 0]],
+    ],
+)
+def test_the_field_of_another_vessel_is_refused(tmp_path: Path, wall: Points) -> None:
+    with pytest.raises(CaseError, match="is the field of another vessel: at z = "):
+        followed(tmp_path, saved(tmp_path, wall))
+
+
+def test_a_field_without_downward_flow_is_refused(tmp_path: Path) -> None:
+    path = saved(tmp_path, VESSEL)
+    field = Field.load(path)
+    assert field.psi is not None
+    turned = replace(field, bulk_flow=-2.0, psi=-field.psi, flux_r=-field.flux_r, flux_z=-field.flux_z)
+    turned.save(path)
+    with pytest.raises(CaseError, match=r"has a flow of -2 m³/s"):
+        followed(tmp_path, path)
+
+
+def test_a_field_without_stream_function_is_refused(tmp_path: Path) -> None:
+    path = saved(tmp_path, VESSEL)
+    replace(Field.load(path), psi=None).save(path)
+    with pytest.raises(CaseError, match="has no stream function"):
+        followed(tmp_path, path)
+
+
+def test_the_marks_of_the_run_that_is_followed_stay_with_the_hybrid(tmp_path: Path) -> None:
+    path = saved(tmp_path, VESSEL)
+    gates = [
+        {"name": "packing in the plug", "value": 0.4, "limit": "0.5 to 0.68", "passed": False},
+        {"name": "independent blocks", "value": 30, "limit": "at least 20", "passed": True},
+    ]
+    (tmp_path / "provenance.json").write_text(json.dumps({"quality": gates}))
+    ((_, made),) = followed(tmp_path, path)
+    assert [gate.name for gate in made.gates] == [f"{path}: packing in the plug"]
+    assert made.notes == ()
