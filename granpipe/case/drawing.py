@@ -16,10 +16,10 @@ from granpipe.errors import CaseError
 _KEY = ("outline", "file")
 
 
-def with_drawing(data: dict[str, Any], places: Places) -> tuple[str, ...]:
+def with_drawing(data: dict[str, Any], places: Places, folder: Path) -> tuple[str, ...]:
     """Put wall, obstacles and unit of the drawing in the place of `outline.file`; what was found there, in sentences.
 
-    The path of the drawing is relative to the folder of the case file. `data` is changed.
+    The path of the drawing is relative to `folder`, that of the case file. `data` is changed.
 
     Raises
     ------
@@ -37,7 +37,7 @@ def with_drawing(data: dict[str, Any], places: Places) -> tuple[str, ...]:
         if outline.get(key) is not None:
             message = f"stands beside file: {spec.file}; give the points or the drawing, not both"
             raise CaseError(message, ("outline", key), places.locate(("outline", key)))
-    path = Path(places.file).parent / spec.file
+    path = folder / spec.file
     try:
         drawing = read_drawing(path, spec.unit or "", spec.axis, spec.up or "", spec.tolerance)
     except CaseError as error:

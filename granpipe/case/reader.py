@@ -14,7 +14,7 @@ from granpipe.case.drawing import with_drawing
 from granpipe.case.messages import case_error
 from granpipe.case.overrides import override
 from granpipe.case.renamed import refuse_renamed
-from granpipe.case.schema import Case
+from granpipe.case.schema import DRAWING_KEYS, Case, DrawingSpec, OutlineSpec
 from granpipe.case.yamlfile import Places, read_yaml
 
 
@@ -35,11 +35,17 @@ def read_case(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFil
     CaseError : the file cannot be read or does not describe a case; says what is wrong and where
     """
     data, places = read_yaml(path)
-    return resolve(data, places, overrides)
+    return resolve(data, places, overrides, path.parent)
 
 
-def resolve(data: dict[str, Any], places: Places, overrides: Mapping[str, str] | None = None) -> CaseFile:
+def resolve(
+    data: dict[str, Any], places: Places, overrides: Mapping[str, str] | None = None, folder: Path = Path()
+) -> CaseFile:
     """The case that plain data describe, after overriding; `data` and `places` are changed.
+
+    Parameters
+    ----------
+    folder : to which the path of a drawing is relative
 
     Raises
     ------
@@ -48,7 +54,7 @@ def resolve(data: dict[str, Any], places: Places, overrides: Mapping[str, str] |
     for key, text in (overrides or {}).items():
         override(data, places, key, text)
     refuse_renamed(data, places)
-    notes = with_drawing(data, places)
+    notes = with_drawing(data, places, folder)
     try:
         return CaseFile(Case.model_validate(data), places, notes)
     except ValidationError as error:
@@ -74,7 +80,11 @@ def varied(case: Case, changes: Mapping[str, str]) -> Case:
 
 def schema_json() -> str:
     """JSON Schema of a case file, for editors."""
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _for_editors(Case.model_json_schema())
+    groups = Case.model_json_schema()
+    outline, drawing = groups["$defs"][OutlineSpec.__name__], DrawingSpec.model_json_schema()["properties"]
+    outline["properties"] |= {key: drawing[key] for key in DrawingSpec.model_fields if key in DRAWING_KEYS}
+    outline["anyOf"] = [{"required": outline.pop("required")}, {"required": ["file"]}]
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _for_editors(groups)
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 
 

@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from granpipe.case.schema import Case
+from granpipe.case.schema import DRAWING_KEYS, Case, DrawingSpec, OutlineSpec
 from granpipe.case.values import Group, Kind, Short
 
 _INTRODUCTION = """\
@@ -39,9 +39,24 @@ where they stand.
 """
 
 
+_IN_PLACE_OF_POINTS = """\
+A drawing in place of points: these keys stand for `wall` and `obstacles`, and `unit` is that of the drawing. Layers
+named `wall`, `obstacle…` and `axis` are used if there is a layer `wall`; otherwise all lines are, and wall and obstacles
+are told by their shape.
+"""
+
+_HEAD = ("| key | what may stand there | default | meaning |", "|---|---|---|---|")
+
+
 def reference() -> str:
     """The reference as Markdown."""
-    return "\n".join([_INTRODUCTION, *(_table(paths, group) for group, paths in _groups().items())])
+    tables = []
+    for group, paths in _groups().items():
+        tables.append(_table(paths, group))
+        if group is OutlineSpec:
+            rows = (_row(key, field) for key, field in DrawingSpec.model_fields.items() if key in DRAWING_KEYS)
+            tables.append("\n".join([_IN_PLACE_OF_POINTS, *_HEAD, *rows, ""]))
+    return "\n".join([_INTRODUCTION, *tables])
 
 
 def _groups() -> dict[type[Group], list[str]]:
@@ -74,9 +89,7 @@ def _is_mapping(field: FieldInfo) -> bool:
 def _table(paths: list[str], group: type[Group]) -> str:
     title = " and ".join(f"`{path}`" for path in paths) if paths != [""] else "Top level"
     rows = [_row(name, field) for name, field in group.model_fields.items()]
-    return "\n".join(
-        [f"## {title}", "", "| key | what may stand there | default | meaning |", "|---|---|---|---|", *rows, ""]
-    )
+    return "\n".join([f"## {title}", "", *_HEAD, *rows, ""])
 
 
 def _row(name: str, field: FieldInfo) -> str:

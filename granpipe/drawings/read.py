@@ -40,7 +40,7 @@ class Drawing:
 
 
 def read_drawing(
-    path: Path, unit: str = "", axis: float | None = None, up: str = "", sagitta: float | None = None
+    path: Path, unit: str = "", axis: float | None = None, up: str = "", tolerance: float | None = None
 ) -> Drawing:
     """Read a drawing by the ending of its name: DXF, CSV, COMSOL's .mphtxt, STEP, BREP, STL or OBJ.
 
@@ -49,7 +49,7 @@ def read_drawing(
     unit : of the coordinates; needed where the file does not tell, and stronger than what it tells
     axis : where the axis lies across the direction that points up, in the drawing's unit; found unless given
     up : direction that points up; y in a plane drawing, found in three dimensions unless given
-    sagitta : how far a curve may lie off the lines that stand for it, in the drawing's unit; 1e-4 of the size unless
+    tolerance : how far a curve may lie off the lines that stand for it, in the drawing's unit; 1e-4 of the size unless
         given
 
     Raises
@@ -63,7 +63,7 @@ def read_drawing(
     if not stat.S_ISREG(kind):
         raise CaseError(f"{path}: not a file")
     try:
-        lines = _lines(path, sagitta, up)
+        lines = _lines(path, tolerance, up)
         found = unit or lines.unit
         if not found:
             raise CaseError("does not tell its unit; say outline.unit, such as mm")
@@ -76,14 +76,14 @@ def read_drawing(
     return Drawing(section, found)
 
 
-def _lines(path: Path, sagitta: float | None, up: str) -> Lines:
+def _lines(path: Path, tolerance: float | None, up: str) -> Lines:
     ending = path.suffix.lower()
     if ending in INSTEAD:
         raise CaseError(f"{INSTEAD[ending]}")
     if ending == ".dxf":
         from granpipe.drawings.dxf import read_dxf
 
-        return read_dxf(path, sagitta)
+        return read_dxf(path, tolerance)
     if ending in (".csv", ".txt", ".tsv"):
         from granpipe.drawings.table import read_csv
 
@@ -95,7 +95,7 @@ def _lines(path: Path, sagitta: float | None, up: str) -> Lines:
     if ending in (".step", ".stp", ".brep"):
         from granpipe.drawings.cad import read_cad
 
-        return read_cad(path, sagitta, up)
+        return read_cad(path, tolerance, up)
     if ending in (".stl", ".obj"):
         from granpipe.drawings.surface import read_surface
 
