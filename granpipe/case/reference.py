@@ -40,9 +40,9 @@ where they stand.
 
 
 _IN_PLACE_OF_POINTS = """\
-A drawing in place of points: these keys stand for `wall` and `obstacles`, and `unit` is that of the drawing. Layers
-named `wall`, `obstacle…` and `axis` are used if there is a layer `wall`; otherwise all lines are, and wall and obstacles
-are told by their shape.
+A drawing in place of points: these keys stand for `wall` and `obstacles`, and `unit` is that of the drawing. If there
+is a layer `wall`, the layers `wall`, `obstacle…` and `axis` are used; otherwise wall and obstacles are found by their
+shape.
 """
 
 _HEAD = ("| key | what may stand there | default | meaning |", "|---|---|---|---|")
