@@ -16,7 +16,7 @@ VENV := .venv
 help:
 	@echo 'make setup       Debian packages that are missing, and the virtual environment .venv'
 	@echo 'make run         setup, then granpipe run $$(CASE) [$(CASE)]'
-	@echo 'make sweep       setup, then granpipe sweep $$(SWEEP) --on $$(ON) [$(SWEEP), $(ON)]'
+	@echo 'make sweep       setup, then granpipe sweep run $$(SWEEP) --on $$(ON) [$(SWEEP), $(ON)]'
 	@echo 'make status      how the points of $$(SWEEP) stand; make cancel ends them'
 	@echo 'make study       setup, then a small study of the smoke scene: error against time; a few minutes'
 	@echo 'make study-reactor  setup, then the study of the test reactor, some hours; writes docs/study_reactor.md'
@@ -44,10 +44,10 @@ run: ready
 	$(GRANPIPE) run $(CASE)
 
 sweep: ready
-	$(GRANPIPE) sweep $(SWEEP) --on $(ON) --cluster $(CLUSTER)
+	$(GRANPIPE) sweep run $(SWEEP) --on $(ON) --cluster $(CLUSTER)
 
 status cancel: ready
-	$(GRANPIPE) $@ $(SWEEP)
+	$(GRANPIPE) sweep $@ $(SWEEP)
 
 # particles of 2 cm stand for those of 1.8 cm
 study: ready

@@ -11,7 +11,7 @@ RESULTS = config.get("results", "results")
 RANKS = int(config.get("ranks", 1))
 
 # checks every point, writes down what is to be run, and says where
-listing = subprocess.run([GRANPIPE, "sweep", SWEEP, "--results", RESULTS, "--write-only"], text=True, check=True,
+listing = subprocess.run([GRANPIPE, "sweep", "run", SWEEP, "--results", RESULTS, "--write-only"], text=True, check=True,
                          capture_output=True).stdout.split()
 FOLDER, MISSING = listing[0], listing[1:]
 
@@ -19,10 +19,10 @@ FOLDER, MISSING = listing[0], listing[1:]
 rule table:
     input: expand(f"{FOLDER}/points/{{point}}/provenance.json", point=MISSING)
     output: f"{FOLDER}/table.csv"
-    shell: "{GRANPIPE} reduce {FOLDER} || [ $? = 4 ]"
+    shell: "{GRANPIPE} sweep table {FOLDER} || [ $? = 4 ]"
 
 
 rule point:
     output: f"{FOLDER}/points/{{point}}/provenance.json"
     threads: RANKS
-    shell: "GRANPIPE_CORES={threads} {GRANPIPE} points --ranks {threads} {FOLDER} {wildcards.point}"
+    shell: "GRANPIPE_CORES={threads} {GRANPIPE} sweep points --ranks {threads} {FOLDER} {wildcards.point}"

@@ -23,8 +23,9 @@ named), `--axis` chooses settings, with values (`--axis plate_speed=0.05,0.1`) o
 points on a cluster, `--against CASE` forecasts the time of another case at the measured rate. What is done is not
 repeated; but a point with finer particles makes the common grid finer, and then production starts anew. Everything goes
 to `results/<case>-study`: `report.html`, charts, `options.csv`, `points.csv`, `study.json`. A study with
-other axes replaces them, but keeps what was run. `granpipe status results/<case>-study` shows its points, `cancel` ends
-them. Points outside granpipe's own rules are marked, as their runs would be; the study's own status is 0 all the same.
+other axes replaces them, but keeps what was run. `granpipe sweep status results/<case>-study` shows its points,
+`granpipe sweep cancel` ends them. Points outside granpipe's own rules are marked, as their runs would be; the study's
+own status is 0 all the same.
 A scene without particles has only its finite elements to compare: their error is not that of the fluid as a model.
 
 `granpipe run CASE --total-error 5%` takes the cheapest setting of the case's study whose error is at most that; it

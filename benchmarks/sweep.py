@@ -66,9 +66,9 @@ def prepared(folder: Path, number: int) -> Path:
 
 def local_row(folder: Path, number: int) -> str:
     path = prepared(folder, number)
-    first = granpipe(path, "sweep", "sweep.yaml")
-    status = granpipe(path, "status", "sweep.yaml")
-    second = granpipe(path, "sweep", "sweep.yaml")
+    first = granpipe(path, "sweep", "run", "sweep.yaml")
+    status = granpipe(path, "sweep", "status", "sweep.yaml")
+    second = granpipe(path, "sweep", "run", "sweep.yaml")
     return (
         f"| {number} | {first.wall:.1f} | {first.cpu / number:.2f} | {status} | {second} | "
         f"{files(path / 'results') / number:.1f} | {size(path / 'results') / number / 1e3:.0f} |"
@@ -82,8 +82,8 @@ def queue_row(folder: Path, number: int) -> str:
         for node in ("n1", "n2"):
             cluster.run("scontrol", "update", f"NodeName={node}", "State=DRAIN", "Reason=benchmark")
         submit, status, again, cancel = (
-            granpipe(path, command, "sweep.yaml", *more, environment=cluster.environment)
-            for command, *more in (("sweep", "--on", "slurm"), ("status",), ("sweep", "--on", "slurm"), ("cancel",))
+            granpipe(path, "sweep", command, "sweep.yaml", *more, environment=cluster.environment)
+            for command, *more in (("run", "--on", "slurm"), ("status",), ("run", "--on", "slurm"), ("cancel",))
         )
     return f"| {number} | {submit} | {status} | {again} | {cancel} |"
 
@@ -92,12 +92,12 @@ def slurm_row(folder: Path, number: int) -> str:
     path = prepared(folder / "slurm", number)
     with two_nodes(folder / f"two-nodes-{number}") as cluster:
         begun = time.monotonic()
-        granpipe(path, "sweep", "sweep.yaml", "--on", "slurm", environment=cluster.environment)
+        granpipe(path, "sweep", "run", "sweep.yaml", "--on", "slurm", environment=cluster.environment)
         wait_for(lambda: not cluster.queue(), 3600, every=1.0)
         wall = time.monotonic() - begun
         text = (path / "results" / "many" / "slurm" / "jobs.json").read_text()
     elements = sum(len(job["points"]) for job in json.loads(text)["jobs"])
-    log = "".join(file.read_text() for file in path.glob("results/many/slurm/*/reduce-*.txt"))
+    log = "".join(file.read_text() for file in path.glob("results/many/slurm/*/table-*.txt"))
     assert f"{number} points: {number} done" in log, log
     return f"| {number} | {elements} | {wall:.1f} |"
 
@@ -174,7 +174,7 @@ A run of its own takes {rows["alone"][0]}, most of it for
 starting Python and importing what it needs; a worker that takes up to 25 points does that once. Where two numbers
 stand, they are wall time and processor time; files and kB are those of one point.
 
-| points | wall time [s] | processor time for each [s] | `granpipe status` [s] | second call [s] | files | kB |
+| points | wall time [s] | processor time for each [s] | `granpipe sweep status` [s] | second call [s] | files | kB |
 |---|---|---|---|---|---|---|
 {chr(10).join(rows["local"])}
 """
@@ -184,7 +184,7 @@ stand, they are wall time and processor time; files and kB are those of one poin
 
 Wall time and processor time. Submitting checks and plans every point first.
 
-| points | submitting [s] | `granpipe status` [s] | second call [s] | `granpipe cancel` [s] |
+| points | submitting [s] | `granpipe sweep status` [s] | second call [s] | `granpipe sweep cancel` [s] |
 |---|---|---|---|---|
 {chr(10).join(rows["queue"])}
 """

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import math
 import signal
 import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
@@ -16,18 +18,13 @@ from granpipe.errors import GranpipeError
 
 if TYPE_CHECKING:
     from granpipe.case.reader import CaseFile
-    from granpipe.study.choice import Chosen
     from granpipe.sweep.folder import Folder
 
 INTERRUPTED = 130
 QUALITY_FAILED = 4
 
-_CASE = click.argument("case", type=click.Path(path_type=Path))
-_SET = click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Override a key of the case.")
-_RESULTS = click.option(
-    "--results", type=click.Path(path_type=Path), default=Path("results"), show_default=True, help="Results folder."
-)
-_SWEEP = click.argument("sweep", type=click.Path(path_type=Path))
+MOVED = {"status": "sweep status", "cancel": "sweep cancel", "reduce": "sweep table", "points": "sweep points"}
+"""Commands that had another name before, with the one that they have now."""
 
 
 class _Group(click.Group):
@@ -40,18 +37,80 @@ class _Group(click.Group):
             click.echo(f"granpipe: {error}", err=True)
             sys.exit(error.exit_status)
         except KeyboardInterrupt:
-            click.echo("granpipe: interrupted; run again to continue", err=True)
+            click.echo("granpipe: interrupted; run the same command again to continue", err=True)
             sys.exit(INTERRUPTED)
         except BrokenPipeError:
             sys.exit(0)
         except OSError as error:
             remedy = (
-                "make room and run again: it resumes"
+                "free some disk space and run the same command again: it resumes"
                 if error.errno == errno.ENOSPC
-                else "choose another folder, or mend this one"
+                else "check the folder and its permissions, or choose another one"
             )
             click.echo(f"granpipe: {error.filename or 'a file'}: {error.strerror}; {remedy}", err=True)
             sys.exit(GranpipeError.exit_status)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        if args and args[0] in MOVED:
+            ctx.fail(f"`granpipe {args[0]}` is now `granpipe {MOVED[args[0]]}`")
+        return super().resolve_command(ctx, args)
+
+
+class _SweepGroup(click.Group):
+    """Says how to write `granpipe sweep FILE` now."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        if args and self.get_command(ctx, args[0]) is None and Path(args[0]).exists():
+            ctx.fail(f"`granpipe sweep {args[0]}` is now `granpipe sweep run {args[0]}`")
+        return super().resolve_command(ctx, args)
+
+
+class _Quantity(click.ParamType):  # type: ignore[type-arg]
+    """A number with its unit; the command gets it in SI."""
+
+    def __init__(self, dimension: Literal["number", "length", "time"], positive: bool = False) -> None:
+        self.name, self.positive = dimension, positive
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        from granpipe.case import units
+        from granpipe.case.yamlfile import plain_value
+
+        try:
+            number = units.in_si(plain_value(str(value)), getattr(units, self.name.upper()))
+        except units.UnitError as error:
+            self.fail(str(error), param, ctx)
+        if self.positive and not number > 0:
+            self.fail(f"{value} must be above 0", param, ctx)
+        return number
+
+
+class _Override(click.ParamType):  # type: ignore[type-arg]
+    """`key=value`: a dotted key of the case and its value as YAML."""
+
+    name = "key=value"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, str]:
+        key, sign, text = str(value).partition("=")
+        if not (key and sign):
+            self.fail(f"{value}: write it as --set key=value, such as --set dem.seed=2", param, ctx)
+        return key, text
+
+
+def _as_mapping(_: click.Context, __: click.Parameter, pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    return dict(pairs)
+
+
+_PATH = click.Path(path_type=Path)
+_CASE = click.argument("case", type=_PATH)
+_FILE = click.argument("file", type=_PATH)
+_SET = click.option("--set", "overrides", multiple=True, type=_Override(), callback=_as_mapping,
+                    help="Override one key of the case; may be repeated.")  # fmt: skip
+_RESULTS = click.option("--results", type=_PATH, default=Path("results"), show_default=True, help="Results folder.")
+_ON = click.option("--on", type=click.Choice(["local", "slurm"]), default="local", show_default=True,
+                   help="Run here, or as Slurm jobs.")  # fmt: skip
+_CORES = click.option("--cores", type=click.IntRange(1), help="Cores to use here; default: all available.")
+_CLUSTER = click.option("--cluster", type=_PATH, default=Path("cluster.yaml"), show_default=True,
+                        help="What each job requests from the cluster.")  # fmt: skip
 
 
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
@@ -59,8 +118,8 @@ class _Group(click.Group):
 def main() -> None:
     """Granular flow in axisymmetric vessels, as a velocity field for multiphysics programs.
 
-    Exit status: 0 done, 2 the case is wrong, 3 a program or file failed, 4 done but a quality gate failed,
-    130 interrupted.
+    Exit status: 0 done; 2 the case or the command line is wrong; 3 a program or a file failed; 4 done, but a quality
+    gate failed; 130 interrupted.
     """
     signal.signal(signal.SIGTERM, _interrupt)
 
@@ -69,22 +128,24 @@ def main() -> None:
 @_CASE
 @_SET
 @_RESULTS
-@click.option("--total-error", metavar="ERROR", help="Take the cheapest setting that the case's study found so good.")
-def run(case: Path, overrides: tuple[str, ...], results: Path, total_error: str | None) -> None:
-    """Run CASE: from the outline to field, COMSOL files and pictures."""
+@click.option("--total-error", type=_Quantity("number", positive=True), metavar="ERROR",
+              help="Use the cheapest settings that the study rates within ERROR, such as 5%.")  # fmt: skip
+def run(case: Path, overrides: Mapping[str, str], results: Path, total_error: float | None) -> None:
+    """Run CASE: compute the field, COMSOL files and figures.
+
+    An unchanged case is not run again; a changed one repeats only the stages that depend on the change.
+    """
     from granpipe.pipeline.run import run_case
+    from granpipe.study.choice import choose
 
     file, chosen = _read(case, overrides), None
     if total_error is not None:
-        chosen = _chosen(file, results, total_error)
+        chosen = choose(file, results, total_error)
         file = chosen.file
         click.echo(chosen.expected)
     with Console() as console:
         outcome = run_case(file, results, console)
-    if not outcome.made:
-        click.echo(f"nothing to do: {outcome.folder} is up to date")
-    else:
-        click.echo(f"results in {outcome.folder}")
+    click.echo(f"results in {outcome.folder}" if outcome.made else f"nothing to do: {outcome.folder} is up to date")
     if chosen is not None:
         click.echo(chosen.obtained(outcome.folder))
     for gate in outcome.failed:
@@ -96,7 +157,7 @@ def run(case: Path, overrides: tuple[str, ...], results: Path, total_error: str 
 @main.command()
 @_CASE
 @_SET
-def plan(case: Path, overrides: tuple[str, ...]) -> None:
+def plan(case: Path, overrides: Mapping[str, str]) -> None:
     """Show what a run of CASE would do, leave out and cost."""
     from granpipe.pipeline.run import plan_case
     from granpipe.planning.plan import model_plans
@@ -109,36 +170,21 @@ def plan(case: Path, overrides: tuple[str, ...]) -> None:
 
 
 @main.command()
-def calibrate() -> None:
-    """Measure how fast this machine is, by a run of half a minute; plans then forecast their times by it."""
-    from granpipe.pipeline.calibrate import calibrate as measure
-    from granpipe.system.doctor import require
-    from granpipe.system.rates import machine
-
-    require("gmsh library")
-    with Console() as console:
-        rates = measure(console)
-    for ranks, rate in rates.by_ranks.items():
-        click.echo(f"{ranks} rank{'s' if ranks > 1 else ''}: {rate:.3g} particle-steps per second")
-    click.echo(f"kept for {machine()}")
-
-
-@main.command()
 @_CASE
 @_SET
-def check(case: Path, overrides: tuple[str, ...]) -> None:
-    """Check CASE without running it."""
+def check(case: Path, overrides: Mapping[str, str]) -> None:
+    """Check whether CASE is valid, without running it."""
     from granpipe.pipeline.run import plan_case
     from granpipe.system.cores import usable_cores
 
     made = plan_case(_read(case, overrides), usable_cores())
     for warning in (*made.warnings, *made.breaches):
         click.echo(f"note: {warning}")
-    click.echo(f"{case}: good")
+    click.echo(f"{case}: valid")
 
 
 @main.command()
-@click.argument("path", type=click.Path(path_type=Path), default=Path("case.yaml"))
+@click.argument("path", type=_PATH, default=Path("case.yaml"))
 def init(path: Path) -> None:
     """Write a commented starter case to PATH."""
     from granpipe.case.reader import starter_case
@@ -147,7 +193,7 @@ def init(path: Path) -> None:
         with path.open("x") as file:
             file.write(starter_case())
     except FileExistsError:
-        _fail(f"{path} exists already; give another name")
+        _fail(f"{path} exists already; choose another name")
     except OSError as error:
         _fail(f"{path}: cannot be written ({error.strerror})")
     click.echo(f"wrote {path}; next: granpipe plan {path}")
@@ -163,69 +209,43 @@ def schema() -> None:
 
 @main.command()
 def doctor() -> None:
-    """Say what is installed, in which version, and what a missing part would be needed for."""
+    """Check that everything a run needs is installed."""
     from granpipe.system.doctor import check as check_all
+    from granpipe.system.doctor import findings_text
 
     findings = check_all()
-    width = max(len(finding.name) for finding in findings)
-    for finding in findings:
-        state = finding.found or f"missing; needed for {finding.needed_for}; {finding.remedy}"
-        click.echo(f"{finding.name:<{width}}  {state}")
+    click.echo(findings_text(findings))
     if any(finding.found is None for finding in findings):
-        sys.exit(3)
+        sys.exit(GranpipeError.exit_status)
 
 
 @main.command()
-@click.argument("result", type=click.Path(path_type=Path))
-@click.option("--flow", required=True, help="Flow rate, such as 2[m^3/h] or 1 t/h.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the new files.")
-def scale(result: Path, flow: str, out: Path) -> None:
-    """Write the export files of RESULT, a results folder, for another flow rate, without solving anything."""
-    from granpipe.pipeline.scale import scale_results
+def calibrate() -> None:
+    """Measure the speed of this machine, in half a minute.
 
-    file = _read_result(result, (f"flow_rate={flow}",))
-    if warning := scale_results(result, file.case, out):
-        click.echo(f"warning: {warning}", err=True)
-    click.echo(f"scaled results in {out}")
-
-
-@main.command()
-@click.argument("one", type=click.Path(path_type=Path))
-@click.argument("other", type=click.Path(path_type=Path))
-@click.option("--tolerance", default="5 %", show_default=True, help="Difference up to which two fields agree.")
-def compare(one: Path, other: Path, tolerance: str) -> None:
-    """Compare the fields of two results folders, ONE and OTHER, section by section.
-
-    They agree only where the 95 % upper bound of the difference without noise lies within the tolerance.
+    `granpipe plan` then forecasts times for this machine.
     """
-    from granpipe.analysis.compare import compare as compare_fields
-    from granpipe.case.units import NUMBER, in_si
-    from granpipe.dem.sizes import size_classes
-    from granpipe.field import Field
+    from granpipe.pipeline.calibrate import calibrate as measure
+    from granpipe.system.doctor import require
 
-    limit = _quantity(in_si, tolerance, NUMBER, "--tolerance")
-    fields = Field.load(one / "field.npz"), Field.load(other / "field.npz")
-    case = _read_result(one).case
-    diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
-    found = compare_fields(*fields, case.outline.levels, diameter)
-    click.echo(f"{'section':<12}{'difference':>12}{'noise':>10}{'noise-free':>12}{'95 % below':>12}")
-    for d in found:
-        numbers = f"{d.observed:>12.2%}{d.noise:>10.2%}{d.noise_free:>12.2%}{d.upper:>12.2%}"
-        click.echo(f"{d.name:<12}{numbers}  {d.verdict(limit)}")
+    require("gmsh library")
+    with Console() as console:
+        rates = measure(console)
+    click.echo(rates.text)
 
 
 @main.command()
 @_RESULTS
 def clean(results: Path) -> None:
-    """Delete the store of intermediate stages; results folders stay."""
+    """Delete intermediate stages; the results stay."""
     from granpipe.system.store import Store
 
     store = results / ".store"
     if not store.is_dir():
-        click.echo(f"nothing to do: there is no {store}")
+        click.echo(f"nothing to do: {store} does not exist")
         return
     freed, kept = Store(store).clear()
-    click.echo(f"freed {freed / 1e6:.1f} MB; the next run of a case starts anew")
+    click.echo(f"freed {freed / 1e6:.1f} MB; the next run starts from the beginning")
     for why in kept:
         click.echo(f"kept {why}", err=True)
     if kept:
@@ -233,64 +253,80 @@ def clean(results: Path) -> None:
 
 
 @main.command()
-@click.argument("dumps", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--cell", required=True, help="Edge of a cell, such as 0.015 or 15mm.")
-@click.option(
-    "--plane",
-    type=click.Choice(["rz", "xz", "xyz"]),
-    default="rz",
-    show_default=True,
-    help="Rings about the z-axis, the plane x-z averaged over y, or space.",
-)
-@click.option("--x", nargs=2, help="Range of x, such as --x 0 50cm; by default that of the particles in the box.")
-@click.option("--y", nargs=2, help="Range of y; with --plane xz particles are cut at its ends.")
-@click.option("--z", nargs=2, help="Range of z.")
-@click.option("--time-step", required=True, help="Time step of the run [s], to turn steps into times.")
-@click.option("--columns", help="Column names of binary dumps, comma-separated; default: those of granpipe's decks.")
-@click.option("--start", help="Time at which averaging begins [s].")
-@click.option("--stop", help="Time at which averaging ends [s].")
-@click.option("--case", type=click.Path(path_type=Path), help="Case that gives outline, method and flow rate.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for the field.")
-def homogenize(
-    dumps: tuple[Path, ...],
-    cell: str,
-    plane: Literal["rz", "xz", "xyz"],
-    x: tuple[str, str] | None,
-    y: tuple[str, str] | None,
-    z: tuple[str, str] | None,
-    time_step: str,
-    columns: str | None,
-    start: str | None,
-    stop: str | None,
-    case: Path | None,
-    out: Path,
-) -> None:
-    """Average LIGGGHTS dumps (binary, text or .gz) into a field.
+@click.argument("result", type=_PATH)
+@click.option("--flow", required=True, metavar="FLOW", help="Flow rate, such as 2[m^3/h] or '1 t/h'.")
+@click.option("--out", required=True, type=_PATH, help="Folder for the new files.")
+def scale(result: Path, flow: str, out: Path) -> None:
+    """Export RESULT for another flow rate, without a new run.
 
-    Without a case the field is the plain average on a grid round the particles, in the plane x-z made to conserve; with
-    one it is made to conserve on the case's outline.
+    RESULT is the results folder of a completed run.
     """
-    from granpipe.case.units import LENGTH, TIME, in_si
+    from granpipe.pipeline.scale import scale_results
+
+    if warning := scale_results(result, _read_result(result, {"flow_rate": flow}).case, out):
+        click.echo(f"warning: {warning}", err=True)
+    click.echo(f"scaled results in {out}")
+
+
+@main.command()
+@click.argument("one", type=_PATH)
+@click.argument("other", type=_PATH)
+@click.option("--tolerance", type=_Quantity("number", positive=True), default="5 %", show_default=True,
+              help="Largest difference at which two fields agree.")  # fmt: skip
+def compare(one: Path, other: Path, tolerance: float) -> None:
+    """Compare two fields, section by section.
+
+    ONE and OTHER are results folders. Two fields agree where the 95 % upper bound of their difference, statistical
+    noise removed, is within the tolerance.
+    """
+    from granpipe.analysis.compare import compare as compare_fields
+    from granpipe.analysis.compare import difference_table
+    from granpipe.dem.sizes import size_classes
+    from granpipe.field import Field
+
+    fields = Field.load(one / "field.npz"), Field.load(other / "field.npz")
+    case = _read_result(one).case
+    diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
+    click.echo(difference_table(compare_fields(*fields, case.outline.levels, diameter), tolerance))
+
+
+@main.command()
+@click.argument("dumps", nargs=-1, required=True, type=_PATH)
+@click.option("--cell", required=True, type=_Quantity("length", positive=True), help="Cell size, such as 15mm.")
+@click.option("--plane", type=click.Choice(["rz", "xz", "xyz"]), default="rz", show_default=True,
+              help="Rings about the z-axis, the plane x-z averaged over y, or 3-D space.")  # fmt: skip
+@click.option("--x", nargs=2, type=_Quantity("length"), help="Range of x, such as --x 0 50cm; default: all particles.")
+@click.option("--y", nargs=2, type=_Quantity("length"), help="Range of y; with --plane xz particles are cut there.")
+@click.option("--z", nargs=2, type=_Quantity("length"), help="Range of z.")
+@click.option("--time-step", required=True, type=_Quantity("time", positive=True),
+              help="Time step of the simulation, to convert step numbers to times.")  # fmt: skip
+@click.option("--columns", help="Column names of binary dumps, comma-separated; default: those of granpipe's decks.")
+@click.option("--start", type=_Quantity("time"), help="Time at which the average begins.")
+@click.option("--stop", type=_Quantity("time"), help="Time at which the average ends.")
+@click.option("--case", type=_PATH, help="Case that gives outline, method and flow rate.")
+@click.option("--out", required=True, type=_PATH, help="Folder for the field.")
+def homogenize(
+    dumps: tuple[Path, ...], cell: float, plane: Literal["rz", "xz", "xyz"], x: tuple[float, float] | None,
+    y: tuple[float, float] | None, z: tuple[float, float] | None, time_step: float, columns: str | None,
+    start: float | None, stop: float | None, case: Path | None, out: Path,
+) -> None:  # fmt: skip
+    """Average DUMPS of your own LIGGGHTS run into a field.
+
+    DUMPS are binary, text or gzipped dump files. With --case the field is made to conserve volume inside the case's
+    outline. Without it the field is the plain average on a grid around the particles; in the plane x-z it is made to
+    conserve volume as well.
+    """
     from granpipe.pipeline.dump_grid import Frame
     from granpipe.pipeline.dumps import Request, homogenize_files, write_field
 
-    def seconds(text: str | None, default: float, option: str) -> float:
-        return default if text is None else _quantity(in_si, text, TIME, option)
-
-    def ends(texts: tuple[str, str] | None, option: str) -> tuple[float, float] | None:
-        if texts is None:
-            return None
-        low, high = (_quantity(in_si, text, LENGTH, option) for text in texts)
-        return low, high
-
-    outline_case = None if case is None else _read(case, ()).case
+    outline_case = None if case is None else _read(case).case
     request = Request(
         dumps=dumps,
-        frame=Frame(plane, _quantity(in_si, cell, LENGTH, "--cell"), ends(x, "--x"), ends(y, "--y"), ends(z, "--z")),
-        time_step=seconds(time_step, 0.0, "--time-step"),
-        start=seconds(start, float("-inf"), "--start"),
-        stop=seconds(stop, float("inf"), "--stop"),
-        **({} if columns is None else {"columns": tuple(columns.split(","))}),
+        frame=Frame(plane, cell, x, y, z),
+        time_step=time_step,
+        columns=None if columns is None else tuple(columns.split(",")),
+        start=-math.inf if start is None else start,
+        stop=math.inf if stop is None else stop,
     )
     made = homogenize_files(request, outline_case)
     write_field(made.field, outline_case, out)
@@ -298,28 +334,93 @@ def homogenize(
 
 
 @main.command()
-@_SWEEP
+@_CASE
+@_SET
 @_RESULTS
-@click.option("--on", type=click.Choice(["local", "slurm"]), default="local", show_default=True, help="Where to run.")
-@click.option("--cores", type=click.IntRange(1), help="Cores to use here; all that this process may use by default.")
-@click.option("--cluster", type=click.Path(path_type=Path), default=Path("cluster.yaml"), show_default=True,
-              help="What jobs ask the cluster for.")  # fmt: skip
-@click.option(
-    "--dry-run", is_flag=True, help="Check every point; print the folder and the missing points; run nothing."
-)
-@click.option("--write-only", is_flag=True, help="As --dry-run, but write down the points for Snakemake to run them.")
-def sweep(
-    sweep: Path, results: Path, on: str, cores: int | None, cluster: Path, dry_run: bool, write_only: bool
-) -> None:
-    """Run every point of SWEEP, a sweep.yaml: here, or as array jobs on a Slurm cluster.
+@click.option("--hours", type=click.FloatRange(min=0, min_open=True), default=2.0, show_default=True,
+              help="Wall time for all points; the most expensive ones are dropped to fit.")  # fmt: skip
+@click.option("--axis", "axes", multiple=True, metavar="AXIS[=VALUE,…]",
+              help="Vary this setting only, with these values; may be repeated.")  # fmt: skip
+@click.option("--against", type=_PATH, help="Another case, whose run time is forecast at the measured speed.")
+@_ON
+@_CORES
+@_CLUSTER
+def study(
+    case: Path, overrides: Mapping[str, str], results: Path, hours: float, axes: tuple[str, ...], against: Path | None,
+    on: str, cores: int | None, cluster: Path,
+) -> None:  # fmt: skip
+    """Measure error against run time for variants of CASE.
 
-    What is done is not repeated, and what is in the queue is not submitted again.
+    Runs cheaper and more expensive variants, compares their fields and recommends settings. Finished points are not
+    repeated. On a cluster, run the command again when the jobs have ended: it then writes the report.
+    """
+    from granpipe.pipeline.run import plan_case
+    from granpipe.study.ladder import read_axes
+    from granpipe.study.points import make_study
+    from granpipe.study.run import prepare_study, report_study
+    from granpipe.sweep.status import marked
+    from granpipe.system.cores import usable_cores
+    from granpipe.system.rates import known_rates
+
+    if not hours > 0:  # nan
+        raise click.BadParameter(f"{hours} must be above 0", param_hint="--hours")
+    cores = cores or usable_cores()
+    other = None if against is None else plan_case(_read(against), cores)
+    made = make_study(_read(case, overrides).case, hours, cores, read_axes(axes), known_rates())
+    for line in made.left_out:
+        click.echo(line, err=True)
+    prepared = prepare_study(made, results)
+    with Console() as console:
+        if prepared.points and on == "slurm":
+            from granpipe.sweep.file import read_profile
+            from granpipe.sweep.jobs import submit
+
+            submit(prepared.folder, prepared.points, read_profile(cluster), console)
+            click.echo(f"follow it with: granpipe sweep status {prepared.folder.root}; then run this command again")
+            return
+        from granpipe.sweep.local import run_here
+
+        run_here(prepared.folder, prepared.points, cores, console)
+        files, missing = report_study(prepared.folder, other, console)
+    if names := marked(prepared.folder):
+        where = f"granpipe sweep status {prepared.folder.root}"
+        click.echo(f"quality gates failed in {', '.join(names)}; see {where}", err=True)
+    for one in missing:
+        click.echo(f"{one.name}: {one.text or one.word}", err=True)
+    for file in files:
+        click.echo(f"wrote {file}")
+    if missing:
+        sys.exit(GranpipeError.exit_status)
+
+
+@main.group(cls=_SweepGroup)
+def sweep() -> None:
+    """Run many variants of a case, here or on a Slurm cluster.
+
+    FILE is a sweep.yaml; status, cancel and table also take the folder of a sweep or of a study.
+    """
+
+
+@sweep.command("run")
+@_FILE
+@_RESULTS
+@_ON
+@_CORES
+@_CLUSTER
+@click.option("--dry-run", is_flag=True, help="Check every point, print the folder and the missing points, stop.")
+@click.option("--write-only", is_flag=True, help="As --dry-run, but write the points to disk, for Snakemake.")
+def sweep_run(
+    file: Path, results: Path, on: str, cores: int | None, cluster: Path, dry_run: bool, write_only: bool
+) -> None:
+    """Run the points of FILE that are missing.
+
+    Points that are done or in the queue are not run again.
     """
     from granpipe.sweep.file import read_profile, read_sweep
     from granpipe.sweep.points import plan_points
 
     profile = read_profile(cluster) if on == "slurm" else None
-    folder, points = plan_points(read_sweep(sweep), results)
+    folder, points = plan_points(read_sweep(file), results)
     if write_only:
         with folder.started():
             pass
@@ -331,122 +432,58 @@ def sweep(
 
         with Console() as console:
             submit(folder, points, profile, console)
-        click.echo(f"follow it with: granpipe status {folder.root}")
+        click.echo(f"follow it with: granpipe sweep status {folder.root}")
         return
     from granpipe.sweep.local import run_here
     from granpipe.system.cores import usable_cores
 
     with Console() as console:
         run_here(folder, points, cores or usable_cores(), console)
-    _reduce(folder)
+    _write_table(folder)
 
 
-@main.command()
-@_CASE
-@_SET
+@sweep.command("status")
+@_FILE
 @_RESULTS
-@click.option("--hours", type=click.FloatRange(min=0, min_open=True), default=2.0, show_default=True,
-              help="Wall time that the points may take by their plans; the dearest are dropped.")  # fmt: skip
-@click.option("--axis", "axes", multiple=True, metavar="AXIS[=VALUE,…]",
-              help="Go along this axis only, with these values; may be given several times.")  # fmt: skip
-@click.option("--against", type=click.Path(path_type=Path), help="Case whose time is forecast at the measured rate.")
-@click.option("--on", type=click.Choice(["local", "slurm"]), default="local", show_default=True, help="Where to run.")
-@click.option("--cores", type=click.IntRange(1), help="Cores to use here; all that this process may use by default.")
-@click.option("--cluster", type=click.Path(path_type=Path), default=Path("cluster.yaml"), show_default=True,
-              help="What jobs ask the cluster for.")  # fmt: skip
-def study(
-    case: Path, overrides: tuple[str, ...], results: Path, hours: float, axes: tuple[str, ...], against: Path | None,
-    on: str, cores: int | None, cluster: Path,
-) -> None:  # fmt: skip
-    """Run cheaper and dearer variants of CASE, and tell the error of each against the time that it takes.
+def sweep_status(file: Path, results: Path) -> None:
+    """Show the state of every point of FILE."""
+    from granpipe.sweep.status import standings, status_text
 
-    What is done is not repeated. On a cluster, run the command again when the jobs have ended: it makes the report.
+    click.echo(status_text(standings(_sweep_folder(file, results))))
+
+
+@sweep.command("cancel")
+@_FILE
+@_RESULTS
+def sweep_cancel(file: Path, results: Path) -> None:
+    """Cancel the jobs of FILE, or stop its run here.
+
+    What is finished is kept.
     """
-    from granpipe.pipeline.run import plan_case
-    from granpipe.study.ladder import read_axes
-    from granpipe.study.points import make_study
-    from granpipe.study.run import prepare_study, report_study
-    from granpipe.sweep.status import standings
-    from granpipe.system.cores import usable_cores
-    from granpipe.system.rates import known_rates
+    from granpipe.sweep.jobs import cancel
 
-    if not hours > 0:  # no number
-        raise click.BadParameter(f"{hours} must be above 0", param_hint="--hours")
-    cores = cores or usable_cores()
-    other = None if against is None else plan_case(_read(against, ()), cores)
-    made = make_study(_read(case, overrides).case, hours, cores, read_axes(axes), known_rates())
-    for rung in made.dropped:
-        seconds = made.forecast[rung.variant.name]
-        click.echo(f"left out: {rung.variant.name}, {seconds / 3600:.2g} h; give more --hours to have it", err=True)
-    prepared = prepare_study(made, results)
-    with Console() as console:
-        if prepared.points and on == "slurm":
-            from granpipe.sweep.file import read_profile
-            from granpipe.sweep.jobs import submit
-
-            submit(prepared.folder, prepared.points, read_profile(cluster), console)
-            click.echo(f"follow it with: granpipe status {prepared.folder.root}; then run this command again")
-            return
-        from granpipe.sweep.local import run_here
-
-        run_here(prepared.folder, prepared.points, cores, console)
-        files, missing = report_study(prepared.folder, other, console)
-    if marked := [one.name for one in standings(prepared.folder) if one.word == "done" and one.text]:
-        click.echo(f"a quality gate failed in {', '.join(marked)}: granpipe status {prepared.folder.root}", err=True)
-    for one in missing:
-        click.echo(f"{one.name}: {one.text or one.word}", err=True)
-    for file in files:
-        click.echo(f"wrote {file}")
-    if missing:
-        sys.exit(3)
+    click.echo(cancel(_sweep_folder(file, results)))
 
 
-@main.command(hidden=True)
-@click.argument("folder", type=click.Path(path_type=Path))
+@sweep.command("table")
+@_FILE
+@_RESULTS
+def sweep_table(file: Path, results: Path) -> None:
+    """Write the table and chart of the points that are done."""
+    _write_table(_sweep_folder(file, results))
+
+
+@sweep.command("points", hidden=True)
+@click.argument("folder", type=_PATH)
 @click.argument("names", nargs=-1, required=True)
 @click.option("--ranks", type=click.IntRange(1), default=1)
-def points(folder: Path, names: tuple[str, ...], ranks: int) -> None:
+def sweep_points(folder: Path, names: tuple[str, ...], ranks: int) -> None:
     """Run points of a sweep one after the other: what its workers and jobs do."""
     from granpipe.sweep.folder import Folder
     from granpipe.sweep.points import run_points
 
     with Console() as console:
         run_points(Folder(folder), names, ranks, console)
-
-
-@main.command()
-@_SWEEP
-@_RESULTS
-def status(sweep: Path, results: Path) -> None:
-    """Show how every point of SWEEP stands (a sweep.yaml, or the folder of a sweep or study)."""
-    from granpipe.sweep.status import standings, summary
-
-    found = standings(_sweep_folder(sweep, results))
-    width = max(len(one.name) for one in found)
-    for one in found:
-        click.echo(f"{one.name:<{width}}  {one.word:<7}  {one.text.splitlines()[0] if one.text else ''}".rstrip())
-    click.echo(summary(found))
-
-
-@main.command()
-@_SWEEP
-@_RESULTS
-def cancel(sweep: Path, results: Path) -> None:
-    """Cancel the jobs of SWEEP, or end the process that runs it here; what is finished is kept.
-
-    SWEEP is a sweep.yaml, or the folder of a sweep or study.
-    """
-    from granpipe.sweep.jobs import cancel as cancel_sweep
-
-    click.echo(cancel_sweep(_sweep_folder(sweep, results)))
-
-
-@main.command()
-@_SWEEP
-@_RESULTS
-def reduce(sweep: Path, results: Path) -> None:
-    """Write table and chart of SWEEP from the points that are done."""
-    _reduce(_sweep_folder(sweep, results))
 
 
 def _sweep_folder(path: Path, results: Path) -> Folder:
@@ -458,75 +495,50 @@ def _sweep_folder(path: Path, results: Path) -> Folder:
         from granpipe.errors import CaseError
         from granpipe.study.points import study_name
 
-        folder = results / study_name(_read(path, ()).case)
+        folder = results / study_name(_read(path).case)
         found = f"give the folder of its study, {folder}" if folder.is_dir() else f"it has no study in {results}"
         raise CaseError(f"is a case, not a sweep; {found}", place=str(path))
     return find_folder(path, results)
 
 
-def _reduce(folder: Folder) -> None:
+def _write_table(folder: Folder) -> None:
     """Table, chart, and an exit status that tells whether all points are done, and well."""
-    from granpipe.sweep.reduce import reduce as reduce_sweep
+    from granpipe.sweep.collect import write_table
     from granpipe.sweep.status import summary
 
-    reduced = reduce_sweep(folder)
-    found = reduced.standings
-    for one in found:
+    written = write_table(folder)
+    for one in written.standings:
         if one.word == "failed":
             click.echo(f"{one.name}: {one.text}", err=True)
-    click.echo(summary(found))
-    for file in reduced.files:
+    click.echo(summary(written.standings))
+    for file in written.files:
         click.echo(f"wrote {file}")
-    for problem in reduced.problems:
+    for problem in written.problems:
         click.echo(f"granpipe: {problem}", err=True)
-    if reduced.problems or any(one.word != "done" for one in found):
-        sys.exit(3)
-    if any(one.text for one in found):
+    if written.problems or any(one.word != "done" for one in written.standings):
+        sys.exit(GranpipeError.exit_status)
+    if any(one.text for one in written.standings):
         sys.exit(QUALITY_FAILED)
 
 
-def _chosen(file: CaseFile, results: Path, total_error: str) -> Chosen:
-    from granpipe.case.units import NUMBER, in_si
-    from granpipe.study.choice import choose
-
-    return choose(file, results, _quantity(in_si, total_error, NUMBER, "--total-error"))
-
-
-def _quantity(read: Any, text: str, dimension: Any, option: str) -> float:
-    from granpipe.case.units import UnitError
-    from granpipe.case.yamlfile import plain_value
-
-    try:
-        value = float(read(plain_value(text), dimension))
-    except UnitError as error:
-        raise click.BadParameter(str(error), param_hint=option) from None
-    if option in ("--cell", "--time-step", "--tolerance", "--total-error") and not value > 0:
-        raise click.BadParameter(f"{text} must be above 0", param_hint=option)
-    return value
-
-
-def _read_result(folder: Path, overrides: tuple[str, ...] = ()) -> CaseFile:
+def _read_result(folder: Path, overrides: Mapping[str, str] | None = None) -> CaseFile:
     """The case of a results folder."""
     from granpipe.errors import DataError
 
     if not (folder / "case.yaml").is_file():
-        raise DataError(f"{folder} is no results folder: it has no case.yaml")
+        raise DataError(f"{folder} is not a results folder: it has no case.yaml")
     return _read(folder / "case.yaml", overrides)
 
 
-def _read(path: Path, overrides: tuple[str, ...]) -> CaseFile:
+def _read(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFile:
     from granpipe.case.reader import read_case
 
-    pairs = [text.partition("=") for text in overrides]
-    for key, sign, _ in pairs:
-        if not sign or not key:
-            _fail(f"--set {key}: write it as --set key=value, such as --set dem.seed=2", status=2)
-    return read_case(path, {key: value for key, _, value in pairs})
+    return read_case(path, dict(overrides or {}))
 
 
-def _fail(message: str, status: int = 3) -> NoReturn:
+def _fail(message: str) -> NoReturn:
     click.echo(f"granpipe: {message}", err=True)
-    sys.exit(status)
+    sys.exit(GranpipeError.exit_status)
 
 
 def _interrupt(*_: object) -> NoReturn:

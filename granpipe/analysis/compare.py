@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import sqrt
 
@@ -61,6 +61,15 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
     cells = Cells.of(one, other)
     shared = max(1.0, (diameter / grid.cell) ** 2)
     return [cells.compare(name, rows, shared) for name, rows in section_rows(grid, levels).items()]
+
+
+def difference_table(found: Iterable[Difference], tolerance: float) -> str:
+    """The differences as a table for people, with a verdict for each."""
+    lines = [f"{'section':<12}{'difference':>12}{'noise':>10}{'noise-free':>12}{'95 % below':>12}"]
+    for d in found:
+        numbers = f"{d.observed:>12.2%}{d.noise:>10.2%}{d.noise_free:>12.2%}{d.upper:>12.2%}"
+        lines.append(f"{d.name:<12}{numbers}  {d.verdict(tolerance)}")
+    return "\n".join(lines)
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,12 @@ class Study:
         """Of the study's folder."""
         return study_name(self.case)
 
+    @property
+    def left_out(self) -> list[str]:
+        """For the user: the points that the budget does not allow."""
+        hours = {rung.variant.name: self.forecast[rung.variant.name] / 3600 for rung in self.dropped}
+        return [f"left out: {name}, {time:.2g} h; give more --hours to include it" for name, time in hours.items()]
+
     def sweep(self) -> Sweep:
         """The study as a sweep, with its axes beside the points."""
         ladder = {"axes": {rung.variant.name: rung.axis for rung in self.rungs}, "forecast_seconds": self.forecast}

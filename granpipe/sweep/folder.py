@@ -33,7 +33,7 @@ from granpipe.system.versions import library_versions
 _VERSION = 1
 
 _PATIENCE = 2.0
-"""How long a lock is tried for [s]: `granpipe status` may look at it for a moment."""
+"""How long a lock is tried for [s]: `granpipe sweep status` may look at it for a moment."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class Folder:
                 if time.monotonic() > end:
                     raise RunError(
                         f"{_owner(file)} is running {self.root} already, and nothing was changed; wait for it, or end "
-                        f"it with `granpipe cancel {self.root}`"
+                        f"it with `granpipe sweep cancel {self.root}`"
                     ) from None
                 time.sleep(0.02)
             else:
@@ -171,8 +171,8 @@ def find_folder(path: Path, results: Path) -> Folder:
     from granpipe.sweep.file import sweep_name
 
     if not path.exists():
-        raise CaseError("there is neither a folder of a sweep or study here nor a sweep.yaml", place=str(path))
+        raise CaseError("not found; give a sweep.yaml, or the folder of a sweep or study", place=str(path))
     folder = Folder(path if path.is_dir() else results / sweep_name(path))
     if not (folder.root / "points.json").is_file():
-        raise DataError(f"{folder.root} holds no sweep; start it with `granpipe sweep`")
+        raise DataError(f"{folder.root} holds no sweep; start it with `granpipe sweep run`")
     return folder

@@ -49,11 +49,11 @@ def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: 
             progress.note(f"job {job}: {sum(map(len, map(str.split, lines)))} points in {len(lines)} elements")
             write_jobs(folder, [*jobs_of(folder), jobs[-1]])
         active = sorted({element.job.split("_")[0] for element in waiting.values()} | {str(job["job"]) for job in jobs})
-        path = _write(scripts / "reduce.sh", "reduce.sh.j2", folder, profile, {})
-        reduce = slurm.submit(path, f"--dependency=afterany:{':'.join(active)}")
-        write_jobs(folder, [{"job": reduce, "points": []}, *jobs_of(folder)])
-        progress.note(f"job {reduce}: table and chart, when the others have ended")
-        return [*(str(job["job"]) for job in jobs), reduce]
+        path = _write(scripts / "table.sh", "table.sh.j2", folder, profile, {})
+        table = slurm.submit(path, f"--dependency=afterany:{':'.join(active)}")
+        write_jobs(folder, [{"job": table, "points": []}, *jobs_of(folder)])
+        progress.note(f"job {table}: writes the table and chart when the others have ended")
+        return [*(str(job["job"]) for job in jobs), table]
 
 
 def cancel(folder: Folder) -> str:

@@ -116,7 +116,7 @@ def _how(code: int) -> str:
 @contextlib.contextmanager
 def _worker(folder: Folder, names: Sequence[str], ranks: int, log: Path) -> Iterator[subprocess.Popen[bytes]]:
     """A worker process that ends with the block, and with this process."""
-    command = [sys.executable, "-m", "granpipe", "points", "--ranks", str(ranks), str(folder.root), *names]
+    command = [sys.executable, "-m", "granpipe", "sweep", "points", "--ranks", str(ranks), str(folder.root), *names]
     with log.open("ab") as output:
         process = subprocess.Popen(
             command,

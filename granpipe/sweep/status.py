@@ -35,6 +35,18 @@ def standings(folder: Folder) -> list[Standing]:
     return [_standing(folder, name, elements.get(name), here) for name in folder.variants]
 
 
+def status_text(found: list[Standing]) -> str:
+    """One line for each point, and the summary."""
+    width = max(len(one.name) for one in found)
+    lines = [f"{one.name:<{width}}  {one.word:<7}  {next(iter(one.text.splitlines()), '')}".rstrip() for one in found]
+    return "\n".join([*lines, summary(found)])
+
+
+def marked(folder: Folder) -> list[str]:
+    """Names of the points that are done but failed a quality gate."""
+    return [one.name for one in standings(folder) if one.word == "done" and one.text]
+
+
 def summary(found: list[Standing]) -> str:
     """``12 points: 3 done, 2 running, 7 waiting``."""
     counts = Counter(one.word for one in found)

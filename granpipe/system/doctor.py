@@ -12,7 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
@@ -97,6 +97,13 @@ def check(folder: Path | None = None) -> list[Finding]:
     """Look at everything, in a few seconds at most; `folder` is where results would go (default: the present one)."""
     here = [_python(), *(_package(name) for name in PACKAGES), _disk(folder or Path()), _cores()]
     return [*_try(*_TRIED), *here]
+
+
+def findings_text(findings: Sequence[Finding]) -> str:
+    """One line for each finding: what is there, or what it would be needed for and how to get it."""
+    width = max(len(one.name) for one in findings)
+    states = (one.found or f"missing; needed for {one.needed_for}; {one.remedy}" for one in findings)
+    return "\n".join(f"{one.name:<{width}}  {state}" for one, state in zip(findings, states, strict=True))
 
 
 def require(*names: str) -> None:

@@ -33,6 +33,12 @@ class Rates:
     made: str
     by_ranks: dict[int, float]
 
+    @property
+    def text(self) -> str:
+        """For the user: the rate for each number of ranks, and the machine."""
+        lines = (f"{n} rank{'s' if n > 1 else ''}: {rate:.3g} particle-steps/s" for n, rate in self.by_ranks.items())
+        return "\n".join([*lines, f"saved for {machine()}"])
+
     def of(self, ranks: int) -> float:
         """With so many ranks; from the largest number that was measured, ranks beyond it at the usual efficiency."""
         known = max(n for n in self.by_ranks if n <= ranks)

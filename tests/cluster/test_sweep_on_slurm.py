@@ -113,13 +113,13 @@ class Story:
         )
 
     def sweep(self) -> str:
-        done = self.granpipe("sweep", "columns.yaml", "--on", "slurm")
+        done = self.granpipe("sweep", "run", "columns.yaml", "--on", "slurm")
         assert done.returncode == 0, done.stderr
         return done.stderr
 
     def status(self) -> dict[str, tuple[str, str]]:
         """Point → how it stands, and the remark."""
-        lines = self.granpipe("status", "columns.yaml").stdout.splitlines()[:-1]
+        lines = self.granpipe("sweep", "status", "columns.yaml").stdout.splitlines()[:-1]
         rows = (line.split(maxsplit=2) for line in lines)
         return {row[0]: (row[1], row[2] if len(row) > 2 else "") for row in rows}
 
@@ -269,7 +269,7 @@ def test_an_interruption_costs_no_more_than_the_running_segment(story: Story, po
 
 
 def test_the_table_holds_every_point(story: Story) -> None:
-    reduced = sorted(story.folder.glob("slurm/*/reduce-*.txt"))
+    reduced = sorted(story.folder.glob("slurm/*/table-*.txt"))
     assert f"{POINTS} points: {POINTS - 1} done, 1 failed" in reduced[-1].read_text()
     with (story.folder / "table.csv").open(newline="") as file:
         rows = {row["point"]: row for row in csv.DictReader(file)}
@@ -283,10 +283,10 @@ def test_the_table_holds_every_point(story: Story) -> None:
 
 def test_granpipe_itself_takes_less_than_two_seconds_for_a_point(story: Story) -> None:
     """Processor time of a point for which neither LIGGGHTS nor the averaging has to run, start of Python included."""
-    story.granpipe("points", str(story.folder), "two-more")  # so that Python's own files are in the page cache
+    story.granpipe("sweep", "points", str(story.folder), "two-more")  # so that Python's own files are in the page cache
     (story.folder / "state" / "two-more.json").unlink()
     begun = os.times()
-    done = story.granpipe("points", str(story.folder), "two-more")
+    done = story.granpipe("sweep", "points", str(story.folder), "two-more")
     ended = os.times()
     assert done.returncode == 0, done.stderr
     assert story.status()["two-more"][0] == "done"
@@ -297,6 +297,6 @@ def test_a_sweep_is_cancelled(story: Story) -> None:
     for node in ("n1", "n2"):
         story.cluster.run("scontrol", "update", f"NodeName={node}", "State=DRAIN", "Reason=test")
     assert "1 points in 1 elements" in story.sweep()
-    assert "cancelled jobs" in story.granpipe("cancel", "columns.yaml").stdout
+    assert "cancelled jobs" in story.granpipe("sweep", "cancel", "columns.yaml").stdout
     wait_for(lambda: not story.cluster.queue(), 60)
     assert story.status()["wrong"][0] == "failed"

@@ -101,7 +101,7 @@ def test_a_results_folder_that_cannot_be_made_is_one_sentence(tiny: Path) -> Non
         (("homogenize", "none.dump", "--cell", "1cm", "--time-step", "1", "--out", "x"), "none.dump: no such file"),
         (("homogenize", ".", "--cell", "1cm", "--time-step", "1", "--out", "x"), "a folder; give the files"),
         (("compare", "none", "none"), "none/field.npz: there is none; give the results folder"),
-        (("scale", "none", "--flow", "1 kg/h", "--out", "x"), "none is no results folder"),
+        (("scale", "none", "--flow", "1 kg/h", "--out", "x"), "none is not a results folder"),
         (("study", "tiny.yaml", "--hours", "nan"), "must be above 0"),
         (("run", "tiny.yaml", "--total-error", "0"), "must be above 0"),
     ],

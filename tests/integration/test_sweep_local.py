@@ -56,7 +56,7 @@ def rows(folder: Path) -> dict[str, dict[str, str]]:
 def swept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     root = tmp_path_factory.mktemp("sweep")
     (root / "sweep.yaml").write_text(FLUID)
-    return root, granpipe(root, "sweep", "sweep.yaml", "--cores", "2")
+    return root, granpipe(root, "sweep", "run", "sweep.yaml", "--cores", "2")
 
 
 def test_one_point_that_fails_does_not_keep_the_others_from_their_end(
@@ -91,14 +91,14 @@ def test_a_second_call_runs_what_has_failed_and_nothing_else(
     swept: tuple[Path, subprocess.CompletedProcess[str]],
 ) -> None:
     root, _ = swept
-    done = granpipe(root, "sweep", "sweep.yaml")
+    done = granpipe(root, "sweep", "run", "sweep.yaml")
     assert done.returncode == 3
     assert "1 points to run" in done.stderr
 
 
 def test_a_wrong_point_is_refused_before_anything_runs(tmp_path: Path) -> None:
     (tmp_path / "sweep.yaml").write_text(FLUID.replace("last: 0.8", "last: 1.7"))
-    done = granpipe(tmp_path, "sweep", "sweep.yaml")
+    done = granpipe(tmp_path, "sweep", "run", "sweep.yaml")
     assert done.returncode == 2
     assert "sweep.yaml:5 outline.sections.b.wall_factor: 1.3; must be in [0, 1] (point wall_factor-1_3)" in done.stderr
     assert not (tmp_path / "results").exists()
@@ -110,7 +110,7 @@ def test_a_dry_run_changes_nothing_of_a_sweep_that_was_run(
     root, _ = swept
     before = {path: path.read_bytes() for path in (root / "results" / "walls").iterdir() if path.is_file()}
     (root / "other.yaml").write_text(FLUID.replace("last: 0.8", "last: 0.9"))
-    done = granpipe(root, "sweep", "other.yaml", "--dry-run")
+    done = granpipe(root, "sweep", "run", "other.yaml", "--dry-run")
     new = ["wall_factor-0_633333333333", "wall_factor-0_766666666667", "wall_factor-0_9"]
     assert done.stdout.split() == ["results/walls", *new, "wrong"]
     assert {path: path.read_bytes() for path in before} == before
@@ -124,7 +124,7 @@ def test_a_sweep_that_another_process_runs_is_refused_before_anything_is_written
     before = (folder.root / "points.json").read_bytes()
     (root / "other.yaml").write_text(FLUID.replace("last: 0.8", "last: 0.9"))
     with folder.started():
-        done = granpipe(root, "sweep", "other.yaml")
+        done = granpipe(root, "sweep", "run", "other.yaml")
     assert done.returncode == 3
     assert done.stderr.startswith(f"granpipe: process {os.getpid()} on ")
     assert "is running results/walls already, and nothing was changed" in done.stderr
@@ -133,7 +133,7 @@ def test_a_sweep_that_another_process_runs_is_refused_before_anything_is_written
 
 def test_a_misspelt_chart_is_told_after_table_and_summary(tmp_path: Path) -> None:
     (tmp_path / "sweep.yaml").write_text(SHORT.replace("chart: []", "chart: [nonsense]"))
-    done = granpipe(tmp_path, "sweep", "sweep.yaml")
+    done = granpipe(tmp_path, "sweep", "run", "sweep.yaml")
     assert done.returncode == 3
     assert "4 points: 3 done, 1 failed\nwrote results/walls/table.csv" in done.stdout
     failed, chart = done.stderr.splitlines()[-2:]
@@ -143,18 +143,18 @@ def test_a_misspelt_chart_is_told_after_table_and_summary(tmp_path: Path) -> Non
 
 def test_a_case_in_place_of_a_sweep_is_told(tmp_path: Path) -> None:
     (tmp_path / "hopper.yaml").write_text(HOPPER.read_text())
-    for command in ("status", "cancel"):
+    for command in ("status", "cancel", "table"):
         shutil.rmtree(tmp_path / "results", ignore_errors=True)
-        done = granpipe(tmp_path, command, "hopper.yaml")
+        done = granpipe(tmp_path, "sweep", command, "hopper.yaml")
         assert (done.returncode, done.stdout) == (2, "")
         assert "hopper.yaml: is a case, not a sweep; it has no study in results" in done.stderr
         (tmp_path / "results" / "hopper-study").mkdir(parents=True)
-        assert "its study, results/hopper-study" in granpipe(tmp_path, command, "hopper.yaml").stderr
+        assert "its study, results/hopper-study" in granpipe(tmp_path, "sweep", command, "hopper.yaml").stderr
 
 
 def test_a_worker_that_dies_takes_one_point_and_the_others_go_on(tmp_path: Path) -> None:
     (tmp_path / "sweep.yaml").write_text(SHORT)
-    command = [sys.executable, "-m", "granpipe", "sweep", "sweep.yaml", "--cores", "1"]
+    command = [sys.executable, "-m", "granpipe", "sweep", "run", "sweep.yaml", "--cores", "1"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         states = tmp_path / "results" / "walls" / "state"
         while not list(states.glob("*.json")):
@@ -170,20 +170,20 @@ def test_a_worker_that_dies_takes_one_point_and_the_others_go_on(tmp_path: Path)
 
 def test_an_interrupted_sweep_leaves_no_process_and_goes_on(tmp_path: Path) -> None:
     (tmp_path / "sweep.yaml").write_text(SHORT)
-    command = [sys.executable, "-m", "granpipe", "sweep", "sweep.yaml", "--cores", "1"]
+    command = [sys.executable, "-m", "granpipe", "sweep", "run", "sweep.yaml", "--cores", "1"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
         states = tmp_path / "results" / "walls" / "state"
         while not list(states.glob("*.json")):
             assert process.poll() is None
             time.sleep(0.01)
         worker = json.loads(next(states.glob("*.json")).read_text())["pid"]
-        assert "told process" in granpipe(tmp_path, "cancel", "sweep.yaml").stdout
+        assert "told process" in granpipe(tmp_path, "sweep", "cancel", "sweep.yaml").stdout
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in errors
     assert not Path(f"/proc/{worker}").exists()
-    assert "3 done, 1 failed" in granpipe(tmp_path, "sweep", "sweep.yaml").stdout
+    assert "3 done, 1 failed" in granpipe(tmp_path, "sweep", "run", "sweep.yaml").stdout
 
 
 @pytest.mark.liggghts
@@ -191,7 +191,7 @@ def test_points_share_what_they_have_in_common(tmp_path: Path, tiny_text: str) -
     """Both begin at once: one makes walls, bed and production, the other waits for it, and LIGGGHTS runs once."""
     (tmp_path / "tiny.yaml").write_text(tiny_text)
     (tmp_path / "sweep.yaml").write_text(DEM)
-    done = granpipe(tmp_path, "sweep", "sweep.yaml", "--cores", "2")
+    done = granpipe(tmp_path, "sweep", "run", "sweep.yaml", "--cores", "2")
     assert "2 points: 2 done" in done.stdout, done.stderr
     store = tmp_path / "results" / ".store"
     assert {stage: len(list(store.glob(f"{stage}-*"))) for stage in ("walls", "settle", "produce")} == {

@@ -11,12 +11,12 @@ import pytest
 
 from granpipe.errors import CaseError
 from granpipe.progress import Silent
+from granpipe.sweep.collect import write_table
 from granpipe.sweep.content import Content
 from granpipe.sweep.file import read_sweep
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.local import interrupted_once, run_here
 from granpipe.sweep.points import Point, plan_points
-from granpipe.sweep.reduce import reduce
 from granpipe.sweep.state import State
 from granpipe.sweep.variants import Variant
 
@@ -127,22 +127,22 @@ def done_folder(root, values, chart, key="fluid.order"):
 
 @pytest.mark.parametrize("values", [["2"], ["slip", "stick"]])
 def test_without_two_numbers_on_an_axis_there_is_no_chart_and_no_error(tmp_path, values):
-    reduced = reduce(done_folder(tmp_path, values, ("wall_seconds",)))
-    assert [path.name for path in reduced.files] == ["table.csv"]
-    assert not reduced.problems
+    written = write_table(done_folder(tmp_path, values, ("wall_seconds",)))
+    assert [path.name for path in written.files] == ["table.csv"]
+    assert not written.problems
 
 
 def test_a_chart_is_drawn_over_two_numbers(tmp_path):
-    reduced = reduce(done_folder(tmp_path, ["2", "3"], ("wall_seconds", "residual")))
-    assert [path.name for path in reduced.files] == ["table.csv", "chart.png"]
-    assert not reduced.problems
+    written = write_table(done_folder(tmp_path, ["2", "3"], ("wall_seconds", "residual")))
+    assert [path.name for path in written.files] == ["table.csv", "chart.png"]
+    assert not written.problems
 
 
 def test_a_column_that_is_not_there_costs_the_chart_alone(tmp_path):
-    reduced = reduce(done_folder(tmp_path, ["2", "3"], ("nonsense",)))
-    assert [path.name for path in reduced.files] == ["table.csv"]
+    written = write_table(done_folder(tmp_path, ["2", "3"], ("nonsense",)))
+    assert [path.name for path in written.files] == ["table.csv"]
     assert "no numbers in column nonsense, so nothing is drawn; columns with numbers: fluid.order, wall_seconds" in str(
-        reduced.problems[0]
+        written.problems[0]
     )
-    with reduced.files[0].open(newline="") as file:
+    with written.files[0].open(newline="") as file:
         assert [row["point"] for row in csv.DictReader(file)] == ["p0", "p1"]

@@ -55,12 +55,12 @@ def points(number, ranks=0, particles=True, word="p"):
 
 def test_points_with_particles_get_an_element_each_by_their_ranks(cluster, folder):
     submit(folder, points(3) + points(2, ranks=4, word="q"), Profile(time="1 h", ranks=2), Silent())
-    twos, fours, reduce = cluster.scripts
+    twos, fours, table = cluster.scripts
     assert lines(twos) == [["p0"], ["p1"], ["p2"]]
     assert lines(fours) == [["q0"], ["q1"]]
     assert "--ntasks=4" in fours.read_text()
     assert cluster.options[2] == ("--dependency=afterany:101:102",)
-    assert reduce.name == "reduce.sh"
+    assert table.name == "table.sh"
 
 
 def test_points_without_particles_share_elements(cluster, folder):

@@ -152,7 +152,7 @@ def test_a_folder_that_another_process_runs_is_neither_taken_nor_rewritten(folde
     monkeypatch.setattr(sweep_folder, "_PATIENCE", 0.05)
     before = folder.case.read_bytes(), (folder.root / "points.json").read_bytes()
     other = Folder(folder.root, Content("name: other\n", {}, beside={"ladder.json": "{}"}))
-    refused = pytest.raises(RunError, match=f"process {os.getpid()} on .* is running .*granpipe cancel")
+    refused = pytest.raises(RunError, match=f"process {os.getpid()} on .* is running .*granpipe sweep cancel")
     with folder.started(), refused, other.started():
         pass
     assert (folder.case.read_bytes(), (folder.root / "points.json").read_bytes()) == before
@@ -231,7 +231,7 @@ def test_a_case_that_is_no_text_is_refused(folder):
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(CaseError, match=r"none: there is neither a folder of a sweep or study here nor a sweep\.yaml"):
+    with pytest.raises(CaseError, match=r"none: not found; give a sweep\.yaml, or the folder of a sweep or study"):
         find_folder(tmp_path / "none", tmp_path)
 
 

@@ -1,4 +1,4 @@
-"""What a sweep found: the results of all its points in one table, and a chart."""
+"""What a sweep found: the results of all its points collected in one table, and a chart."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from granpipe.system.jsonfile import read_json
 
 
 @dataclass(frozen=True)
-class Reduced:
-    """How all points stand, which files were written, and what could not be written."""
+class Written:
+    """The state of all points, the files that were written, and why others could not be."""
 
     standings: list[Standing]
     files: list[Path]
     problems: list[GranpipeError]
 
 
-def reduce(folder: Folder) -> Reduced:
-    """Write table and chart from what is there; failed points have a row, too."""
+def write_table(folder: Folder) -> Written:
+    """Write the table and the chart from what is there; failed points have a row, too."""
     found, content = standings(folder), folder.content
     keys = _varied_keys(folder)
     rows = [_row(folder, one, keys) for one in found]
@@ -39,7 +39,7 @@ def reduce(folder: Folder) -> Reduced:
     if over is not None and content.chart:
         others = [axis for axis in content.axes if axis != over]
         writers["chart.png"] = partial(draw, done, over, others, content.chart)
-    result = Reduced(found, [], [])
+    result = Written(found, [], [])
     for name, write in writers.items():
         try:
             write(folder.root / name)
