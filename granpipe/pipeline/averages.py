@@ -12,11 +12,12 @@ from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, Grid, cell_squares, level_flow, section_rows
 from granpipe.geometry.outline import Outline
-from granpipe.homogenize.assemble import gaussian_field, with_standard_errors
+from granpipe.homogenize.assemble import gaussian_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, bed_packing, measure_plug
 from granpipe.homogenize.psi_field import psi_field
-from granpipe.homogenize.statistics import LEAST_BLOCKS, onset
+from granpipe.homogenize.smooth import flowing_faces, smooth
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, onset, standard_error
 from granpipe.planning.flow import target_flow
 
 Levels = Mapping[str, tuple[float, float]]
@@ -75,24 +76,29 @@ def statistical_errors(field: Field, levels: Levels) -> dict[str, float]:
     return {name: float(np.sqrt(error[at].sum() / max(flux[at].sum(), 1e-300))) for name, at in rows.items()}
 
 
-def smoothing_change(field: Field, parts: Sequence[Sums]) -> float | None:
-    """Relative difference of a field from its raw average beyond the noise of the latter; None if that is not known.
+def smoothing_change(field: Field, parts: Sequence[Sums], diameter: float) -> float | None:
+    """Relative difference of a field from its raw average, beyond noise, in what is larger than a particle.
 
     √(max(0, E² − Σ A SE² / Σ A F²)) over the bulk cells, each level of the raw average scaled to the field's own flow.
+    Both are seen through a Gaussian of half a particle diameter, which takes away the layers that particles form along
+    walls. None where there are too few segments for a standard error.
     """
     if len(parts) < LEAST_BLOCKS or field.raw_flux_r is None or field.raw_flux_z is None:
         return None
-    noisy = with_standard_errors(field, parts)
-    assert noisy.flux_r_se is not None
-    assert noisy.flux_z_se is not None
-    grid = field.grid
-    scale = level_flow(field.flux_z, grid) / level_flow(field.raw_flux_z, grid)
-    change_r = field.flux_r - field.raw_flux_r * (0.5 * (scale[1:] + scale[:-1]))[:, None]
-    change_z = field.flux_z - field.raw_flux_z * scale[:, None]
+    grid, faces = field.grid, flowing_faces(field.bulk, field.inside_fraction)
+    passes = max(1, round((0.5 * diameter / grid.cell) ** 2))
+    carried = level_flow(field.flux_z, grid)
+
+    def seen(flux_r: Array, flux_z: Array) -> tuple[Array, Array]:
+        scale = carried / level_flow(flux_z * faces[1], grid)
+        return smooth(flux_r * (0.5 * (scale[1:] + scale[:-1]))[:, None], flux_z * scale[:, None], faces, passes)
+
+    final, raw = seen(field.flux_r, field.flux_z), seen(field.raw_flux_r, field.raw_flux_z)
+    several = zip(*(smooth(*block.mean_flux, faces, passes) for block in blocks(parts)), strict=True)
+    error = [standard_error(np.array(fluxes)) for fluxes in several]
     weight = np.where(field.bulk, grid.ring_area, 0.0)
     change, noise, flux = (
-        float((weight * cell_squares(r, z)).sum())
-        for r, z in ((change_r, change_z), (noisy.flux_r_se, noisy.flux_z_se), (field.flux_r, field.flux_z))
+        float((weight * cell_squares(r, z)).sum()) for r, z in ((final[0] - raw[0], final[1] - raw[1]), error, final)
     )
     return float(np.sqrt(max(0.0, change - noise) / flux))
 

@@ -24,7 +24,6 @@ from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.gates import (
     OVERLAPS,
     PACKING,
-    RENEWED,
     SIZE_SHARE,
     SMOOTHING,
     Gate,
@@ -53,7 +52,7 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
     discharge = _discharge(plan, steady, productions)
     if discharge is not None:
         figures["discharge"] = discharge.figures
-    changed = smoothing_change(averaged.field, steady)
+    changed = smoothing_change(averaged.field, steady, settings.classes.sauter_diameter)
     return ModelResult(
         field=field,
         gates=(
@@ -65,7 +64,7 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
             upward_gate(field),
             cells_gate(plan),
             *(() if changed is None else (SMOOTHING.gate(changed),)),
-            *_flow_gates(figures),
+            *((lean_gate(figures["off_centre"]),) if "off_centre" in figures else ()),
             *breach_gates(plan.breaches),
         ),
         figures=figures
@@ -103,13 +102,6 @@ def _size_gate(bed: dict[str, Any]) -> Gate:
     return SIZE_SHARE.gate(float(np.abs(np.array(bed["mass_share"]) - np.array(bed["wanted_mass_share"])).max()))
 
 
-def _flow_gates(figures: dict[str, Any]) -> list[Gate]:
-    """Gates on the statistics of the run; none where there are too few segments for them."""
-    if "off_centre" not in figures:
-        return []
-    return [RENEWED.gate(figures["vessel_turnovers"]), lean_gate(figures["off_centre"])]
-
-
 def run_statistics(parts: Sequence[Sums], levels: Levels) -> dict[str, Any]:
     """What the average is worth and what it hides: turnovers, trends, flow off the centre.
 
@@ -119,9 +111,7 @@ def run_statistics(parts: Sequence[Sums], levels: Levels) -> dict[str, Any]:
         return {}
     whole, joined = merge(parts), blocks(parts)
     ranges = {name: (low, top) for name, (top, low) in levels.items()}
-    grid = whole.grid
     return {
-        "vessel_turnovers": turnovers(whole, (float(grid.z_edges[0]), float(grid.z_edges[-1]))),
         "turnovers": {name: turnovers(whole, z) for name, z in ranges.items()},
         "trend_of_solids": _trend([block.solids.mean() for block in joined]),
         "trend_of_kinetic_energy": _trend([block.kinetic.mean() for block in joined]),

@@ -150,8 +150,9 @@ PACKING = Limit(
 SMOOTHING = Limit(
     "change of the field by smoothing, beyond noise",
     PARTICLES,
-    "Smoothing may take away noise, no more: √(E² − noise²), E the relative difference of the final field from the raw "
-    "average and noise the standard error of the raw average.",
+    "Smoothing may take away noise and layers of particles, no more: √(E² − noise²), E the relative difference of the "
+    "final field from the raw average, both seen through a Gaussian of half a diameter. Measured on the smoke scene: 0 "
+    "with `method: psi` and with 2 passes of the Gaussian, 9.7 % with 10, 22 % with 100.",
     high=0.1,
     percent=True,
     remedy="fewer homogenize.smoothing_passes, or homogenize.method: psi",
@@ -165,13 +166,6 @@ OFF_CENTRE = Limit(
     high=0.1,
     percent=True,
     remedy="average longer, or keep in mind that the flow is not axisymmetric",
-)
-RENEWED = Limit(
-    "turnovers of the vessel during the average",
-    PARTICLES,
-    "Below a tenth next to nothing has passed the vessel: the average is one of the filling, not of a flow.",
-    low=0.1,
-    remedy="average longer: dem.max_time",
 )
 UPWARD = Limit(
     "upward flow through the worst level, relative to the whole flow",
@@ -260,7 +254,6 @@ GATES = (
     *OVERLAPS,
     SMOOTHING,
     OFF_CENTRE,
-    RENEWED,
     PEAK,
     CLEAN_UP,
     RESIDUAL,
@@ -274,8 +267,8 @@ TURNOVERS = Limit(
     "turnovers of a section during the average",
     PARTICLES,
     "Below one the section still holds what it was filled with, so its packing, the mixture of sizes and the shape of "
-    "heaps may depend on the filling. Not a gate: sections with a heap at rest are like that by nature (0.2 to 0.4 at "
-    "the reactor's ring), and a velocity is steady long before.",
+    "heaps may depend on the filling. Not a gate: a velocity is steady long before. In the test reactor, whose field is "
+    "within 10 % of that of an independent run, the shaft turns over 0.3 times, the sections with heaps 0.2 times.",
     low=1,
 )
 LEANING = Limit(
