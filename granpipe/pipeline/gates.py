@@ -267,8 +267,8 @@ TURNOVERS = Limit(
     "turnovers of a section during the average",
     PARTICLES,
     "Below one the section still holds what it was filled with, so its packing, the mixture of sizes and the shape of "
-    "heaps may depend on the filling. Not a gate: a velocity is steady long before. In the test reactor, whose field is "
-    "within 10 % of that of an independent run, the shaft turns over 0.3 times, the sections with heaps 0.2 times.",
+    "heaps may depend on the filling. Not a gate: a velocity is steady long before. In the test reactor, whose field "
+    "is within 10 % of that of an independent run, the shaft turns over 0.3 times, the sections with heaps 0.2 times.",
     low=1,
 )
 LEANING = Limit(
