@@ -19,14 +19,14 @@ help:
 	@echo 'make sweep       setup, then granpipe sweep run $$(SWEEP) --on $$(ON) [$(SWEEP), $(ON)]'
 	@echo 'make status      how the points of $$(SWEEP) stand; make cancel ends them'
 	@echo 'make study       setup, then a small study of the smoke scene: error against time; a few minutes'
-	@echo 'make study-reactor  setup, then the study of the test reactor, some hours; writes docs/study_reactor.md'
+	@echo 'make study-reactor  setup, then the study of the test reactor, some hours; writes docs/validation/study_reactor.md'
 	@echo 'make test        setup, then ruff, mypy and every test that is not slow'
 	@echo 'make test-cluster  setup, a Slurm of two nodes on this machine (as root), and a sweep on it'
 	@echo 'make verify      setup, then the slow tests, fuzz and test-cluster'
 	@echo 'make fuzz        setup, then 100 000 damaged inputs for each reader'
-	@echo 'make stability   setup, then the stability suite, half an hour; writes docs/stability.md'
-	@echo 'make benchmarks  setup, then everything in benchmarks/; writes docs/benchmarks*.md'
-	@echo 'make docs        makes docs/case.md anew, from the schema'
+	@echo 'make stability   setup, then the stability suite, half an hour; writes docs/validation/stability.md'
+	@echo 'make benchmarks  setup, then everything in benchmarks/; writes docs/validation/benchmarks*.md'
+	@echo 'make docs        makes docs/reference/case.md anew, from the schema'
 	@echo 'make lock        makes requirements.lock anew, from the newest versions'
 	@echo 'make clean       removes caches and builds; keeps .venv and results'
 
@@ -78,7 +78,7 @@ fuzz: setup
 	$(VENV)/bin/python -m pytest tests/fuzz --inputs 100000
 
 stability: setup
-	PYTHONPATH=benchmarks $(VENV)/bin/python -m stability --out docs
+	PYTHONPATH=benchmarks $(VENV)/bin/python -m stability --out docs/validation
 
 benchmarks: setup
 	$(VENV)/bin/python benchmarks/run.py
@@ -87,8 +87,8 @@ benchmarks: setup
 	$(VENV)/bin/python benchmarks/dem_settings.py
 
 docs: setup
-	$(VENV)/bin/python -c 'from granpipe.case.reference import reference; print(reference(), end="")' >docs/case.md
-	$(VENV)/bin/python -c 'from granpipe.pipeline.gates_page import gates_page; print(gates_page(), end="")' >docs/gates.md
+	$(VENV)/bin/python -c 'from granpipe.case.reference import reference; print(reference(), end="")' >docs/reference/case.md
+	$(VENV)/bin/python -c 'from granpipe.pipeline.gates_page import gates_page; print(gates_page(), end="")' >docs/reference/gates.md
 
 lock:
 	@PYTHON='$(PYTHON)' .ci/lock

@@ -1,7 +1,7 @@
 """Simulated time that each method needs for the same error, on a run of the test reactor against another run of it.
 
 The run kept its snapshots (`--set dem.keep_snapshots=all`); of the other, the segments are read. Writes
-docs/averaging_time.md and its chart.
+docs/validation/averaging_time.md and its chart.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--diameter", type=float, required=True, help="Sauter diameter [m]")
     parser.add_argument("--start", type=float, default=0.0, help="average the run from this time on [s]")
     parser.add_argument("--reference-start", type=float, default=0.0, help="and the other from this [s]")
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation")
     options = parser.parse_args()
     outline = Outline.from_case(load_case(options.case))
     other = [Sums.load(path) for path in sorted(options.reference.glob("segment-*/sums.npz"))]

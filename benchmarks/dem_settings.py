@@ -1,6 +1,6 @@
 """What softening and plate speed do to a field: the same scene at five stiffnesses and at three speeds.
 
-Writes docs/dem_settings.md. Every run is an ordinary granpipe run: interrupted, it goes on where it stopped.
+Writes docs/validation/dem_settings.md. Every run is an ordinary granpipe run: interrupted, it goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def main() -> None:
         for modulus, travel in zip(MODULI, travels, strict=True)
     }
     lines = [*head(options), *softening(base.case, soft), *plate_speed(base.case, speed, fast)]
-    (ROOT / "docs" / "dem_settings.md").write_text("\n".join(lines) + "\n")
+    (ROOT / "docs" / "validation" / "dem_settings.md").write_text("\n".join(lines) + "\n")
 
 
 def run(results: Path, base: CaseFile, name: str, speed: float, travel: float, modulus: str) -> Run:

@@ -1,4 +1,4 @@
-"""Runs the tests that docs/faults.md names, and writes there which of its rows held today."""
+"""Runs the tests that docs/validation/faults.md names, and writes there which of its rows held today."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "faults.md"
+PAGE = ROOT / "docs" / "validation" / "faults.md"
 
 ROW = re.compile(r"^(\|[^|]*\|[^|]*\|)([^|]*)(\| `(\w+)`: `(.+)` \|)$", re.MULTILINE)
 SUMMARY = re.compile(r"(which runs the tests:\n).*")

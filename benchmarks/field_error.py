@@ -1,6 +1,6 @@
 """Error of the field against the length of the run: raw, row-scaled, smoothed as in the paper, and fitted ψ.
 
-A converging flow whose truth is known (tests/fakes/converging_scene.py); writes docs/field_error.md and its chart.
+A converging flow whose truth is known (tests/fakes/converging_scene.py); writes docs/validation/field_error.md and its chart.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ZONES = ("whole", "wall", "axis", "interior", "u")
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=8)
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation")
     options = parser.parse_args()
     table = np.array([error_table(count, options.seeds) for count in SNAPSHOTS])
     chart(table, options.out / "images" / "field_error.png")

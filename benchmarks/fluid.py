@@ -1,6 +1,6 @@
 """The fictitious fluid beside NGSolve: error against time, for orders 2–4 on graded and even meshes, in one run.
 
-Writes docs/benchmarks_fluid.md. NGSolve lives in an environment of its own, made on first use under
+Writes docs/validation/benchmarks_fluid.md. NGSolve lives in an environment of its own, made on first use under
 ~/.cache/granpipe/benchmarks and kept.
 """
 
@@ -50,7 +50,7 @@ class Row(NamedTuple):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repetitions", type=int, default=3)
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "benchmarks_fluid.md")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation" / "benchmarks_fluid.md")
     options = parser.parse_args()
     points = samples()
     meshes = {

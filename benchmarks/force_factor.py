@@ -1,6 +1,6 @@
 """How strong the hybrid's force may be: K from 1 to 1e14 μ/a², with clean, mismatched and noisy known flows.
 
-Writes docs/force_factor.md.
+Writes docs/validation/force_factor.md.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Unfitted(KnownFlow):
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "force_factor.md")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation" / "force_factor.md")
     options = parser.parse_args()
     grid = Grid.covering(WALL[:, 0].max(), 0.0, 5.9, CELL)
     mesh = mesh_section(WALL, {"ring": RING}, {}, bands=[(FORCED[0], FORCED[1] + RAMP, 2 * CELL)])

@@ -1,6 +1,6 @@
 """Heat carried by the exported field through the vessel: what each way of using the files makes of it.
 
-Reads the COMSOL files of a result folder as a user's program would; writes docs/heat.md and its picture.
+Reads the COMSOL files of a result folder as a user's program would; writes docs/validation/heat.md and its picture.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def main() -> None:
     parser.add_argument("results", type=Path, help="results folder of a case (method psi, export comsol)")
     parser.add_argument("--conductivity", type=float, default=1.0, help="of the bed [W/(m K)]")
     parser.add_argument("--specific-heat", type=float, default=1000.0, help="of the solids [J/(kg K)]")
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation")
     options = parser.parse_args()
     case, field = load_case(options.results / "case.yaml"), Field.load(options.results / "field.npz")
     outline = Outline.from_case(case)
@@ -203,7 +203,7 @@ def page(scene: Scene, mesh: RZMesh, rows: dict[str, Row], fine: float) -> str:
         "",
         f"Made by `benchmarks/heat.py` on {datetime.now(UTC):%Y-%m-%d}, from the results of `cases/{scene.name}.yaml`.",
         "Steady heat in the r–z section, ∇·(ρc U T − k ∇T) = 0 in conservative form, by a finite-element solver that",
-        "knows nothing of how the field was made (`granpipe/study/heat.py`; it is checked against closed forms in",
+        "knows nothing of how the field was made (`granpipe/analysis/heat.py`; it is checked against closed forms in",
         "`tests/verification/test_study_heat.py`). It reads the text files as a user's program would. Bed and voids",
         f"conduct k = {scene.conductivity:g} W/(m K), the solids hold {scene.specific_heat:g} J/(kg K); the flow",
         f"carries {per_degree:.0f} W per kelvin, and w D ρc/k at the outlet is {scene.peclet:.0f}. The mesh has",
@@ -259,7 +259,7 @@ def page(scene: Scene, mesh: RZMesh, rows: dict[str, Row], fine: float) -> str:
             "",
             "![Temperatures](images/heat.png)",
             "",
-            "What this means for the set-up of a model: [comsol.md](comsol.md).",
+            "What this means for the set-up of a model: [comsol.md](../how-to/comsol.md).",
             "",
         ]
     )

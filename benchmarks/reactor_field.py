@@ -1,6 +1,6 @@
 """Surfaces and voids of a result: where the final field has them, and where the plain average of the same run has them.
 
-Reads a results folder (method psi); writes docs/reactor_field.md and its picture.
+Reads a results folder (method psi); writes docs/validation/reactor_field.md and its picture.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ RAW, PSI, SMOOTHED = "plain average", "ψ fit", "rows scaled, 2 Gaussian passes"
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path)
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation")
     options = parser.parse_args()
     case, field = load_case(options.results / "case.yaml"), Field.load(options.results / "field.npz")
     outline = Outline.from_case(case)

@@ -1,4 +1,4 @@
-"""Snapshot reading and deposit against their peers, all in one run; writes docs/benchmarks.md.
+"""Snapshot reading and deposit against their peers, all in one run; writes docs/validation/benchmarks.md.
 
 The peers live in environments of their own (KonigCell needs numpy < 2), made on first use under
 ~/.cache/granpipe/benchmarks and kept.
@@ -38,7 +38,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--particles", type=int, default=134_000)
     parser.add_argument("--repetitions", type=int, default=5)
-    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "benchmarks.md")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation" / "benchmarks.md")
     options = parser.parse_args()
     position, velocity, radius = random_spheres(options.particles)
     with tempfile.TemporaryDirectory() as folder:

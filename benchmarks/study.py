@@ -84,7 +84,7 @@ def main() -> None:
     options = parser.parse_args()
     stored = json.loads((options.study / "study.json").read_text())
     page, head = PAGES[stored["case"]["name"]]
-    docs = ROOT / "docs"
+    docs = ROOT / "docs" / "validation"
     charts = []
     for chart, title in (("error_time", "Error against time"), ("levers", "What each change costs and does")):
         shutil.copyfile(options.study / f"{chart}.png", docs / "images" / f"{page}_{chart}.png")

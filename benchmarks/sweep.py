@@ -1,6 +1,6 @@
 """What sweeps cost beside the work itself: fluid-only points here, and as array jobs on a Slurm of two nodes.
 
-python benchmarks/sweep.py            # as root, with Debian's Slurm (see .ci/cluster); writes docs/benchmarks_sweep.md
+python benchmarks/sweep.py            # as root, with Debian's Slurm (see .ci/cluster); writes docs/validation/benchmarks_sweep.md
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def main() -> None:
     parser.add_argument(
         "--parts", nargs="+", default=["local", "queue", "slurm"], help="measure these, keep the others"
     )
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks_sweep.md")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "validation" / "benchmarks_sweep.md")
     options = parser.parse_args()
     kept = ROOT / "results" / "benchmarks_sweep.json"
     rows = json.loads(kept.read_text()) if kept.exists() else {}

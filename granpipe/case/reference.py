@@ -1,6 +1,6 @@
 """The reference of every case key, written from the schema so that the two cannot drift apart.
 
-``docs/case.md`` is what `reference` returns: ``make docs`` writes it anew.
+``docs/reference/case.md`` is what `reference` returns: ``make docs`` writes it anew.
 """
 
 from __future__ import annotations

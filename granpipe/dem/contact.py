@@ -38,7 +38,7 @@ Source: da Cruz et al., Phys. Rev. E 72, 021309 (2005); GDR MiDi, Eur. Phys. J. 
 
 _MEAN_FACTOR, _P99_FACTOR = 1.3, 3.3
 """Overlap over (σ/E*)^(2/3): mean with the bed's mean stress (Hertz; Pongó et al., New J. Phys. 23, 023001), 99th
-percentile with its greatest; measured 1.0–1.4 and 2.8–3.5 in beds of granpipe, see docs/stability.md."""
+percentile with its greatest; measured 1.0–1.4 and 2.8–3.5 in beds of granpipe, see docs/validation/stability.md."""
 
 
 def shear_modulus(youngs: float, poisson: float) -> float:
@@ -74,7 +74,7 @@ def step_share(rolling_model: str, restitution: float) -> float:
 
     Verlet's scheme takes damping from the velocity half a step ago: an oscillator of damping ratio ζ stays stable up to
     √(1 + ζ²) − ζ of the undamped limit (Belytschko, Liu & Moran 2000, ch. 6). Of Z contacts ζ = β √(5Z/6) with
-    β = −ln e / √(π² + ln² e) (Tsuji et al. 1992). The factors are measured: docs/stability.md.
+    β = −ln e / √(π² + ln² e) (Tsuji et al. 1992). The factors are measured: docs/validation/stability.md.
     """
     log = -math.log(restitution)
     damping = log / math.hypot(math.pi, log) * math.sqrt(5 / 6 * CONTACTS)

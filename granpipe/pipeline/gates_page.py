@@ -1,6 +1,6 @@
 """The page that tells users what granpipe refuses, marks and lets pass: made from the limits that the code goes by.
 
-``docs/gates.md`` is what `gates_page` returns: ``make docs`` writes it anew.
+``docs/reference/gates.md`` is what `gates_page` returns: ``make docs`` writes it anew.
 """
 
 from __future__ import annotations

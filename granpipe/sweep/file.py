@@ -26,7 +26,7 @@ Table = Literal["csv", "netcdf"]
 MAX_POINTS = 100_000
 """Points of one sweep: each is a folder and a small file."""
 
-_EXAMPLE = "docs/cluster.md shows how to write a sweep"
+_EXAMPLE = "docs/how-to/cluster.md shows how to write a sweep"
 
 _DOTTED = r"[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z][A-Za-z0-9_]*)*"
 
@@ -376,7 +376,7 @@ class Profile(Group):
 
 def read_profile(path: Path) -> Profile:
     """Read cluster.yaml; CaseError says what is wrong and where."""
-    return _validated(Profile, *read_yaml(path, "docs/cluster.md shows how to write a profile"))
+    return _validated(Profile, *read_yaml(path, "docs/how-to/cluster.md shows how to write a profile"))
 
 
 _Model = TypeVar("_Model", bound=Group)

@@ -41,7 +41,7 @@ def test_starter_case_loads(tmp_path):
 
 
 def test_reference_of_the_case_keys_is_current():
-    assert (ROOT / "docs" / "case.md").read_text() == reference(), "run `make docs`"
+    assert (ROOT / "docs" / "reference" / "case.md").read_text() == reference(), "run `make docs`"
 
 
 def _objects(schema):

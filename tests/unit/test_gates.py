@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_page_of_the_gates_is_current():
-    assert (ROOT / "docs" / "gates.md").read_text() == gates_page(), "run `make docs`"
+    assert (ROOT / "docs" / "reference" / "gates.md").read_text() == gates_page(), "run `make docs`"
 
 
 def test_every_gate_and_note_has_a_name_of_its_own_and_a_reason():

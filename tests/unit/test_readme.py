@@ -6,7 +6,7 @@ from pathlib import Path
 from granpipe.case.reader import load_case
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "docs/install.md", ROOT / "CHANGELOG.md"]
+PAGES = [ROOT / "README.md", ROOT / "docs/how-to/install.md", ROOT / "CHANGELOG.md"]
 
 
 def test_the_first_case_is_valid_and_short(tmp_path: Path) -> None:
