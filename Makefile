@@ -14,21 +14,22 @@ VENV := .venv
 .PHONY: help setup ready run sweep status cancel study study-reactor test test-cluster verify fuzz stability benchmarks docs lock clean
 
 help:
-	@echo 'make setup       Debian packages that are missing, and the virtual environment .venv'
-	@echo 'make run         setup, then granpipe run $$(CASE) [$(CASE)]'
-	@echo 'make sweep       setup, then granpipe sweep run $$(SWEEP) --on $$(ON) [$(SWEEP), $(ON)]'
-	@echo 'make status      how the points of $$(SWEEP) stand; make cancel ends them'
-	@echo 'make study       setup, then a small study of the smoke scene: error against time; a few minutes'
-	@echo 'make study-reactor  setup, then the study of the test reactor, some hours; writes docs/validation/study_reactor.md'
-	@echo 'make test        setup, then ruff, mypy and every test that is not slow'
-	@echo 'make test-cluster  setup, a Slurm of two nodes on this machine (as root), and a sweep on it'
-	@echo 'make verify      setup, then the slow tests, fuzz and test-cluster'
-	@echo 'make fuzz        setup, then 100 000 damaged inputs for each reader'
-	@echo 'make stability   setup, then the stability suite, half an hour; writes docs/validation/stability.md'
-	@echo 'make benchmarks  setup, then everything in benchmarks/; writes docs/validation/benchmarks*.md'
-	@echo 'make docs        makes docs/reference/case.md anew, from the schema'
-	@echo 'make lock        makes requirements.lock anew, from the newest versions'
-	@echo 'make clean       removes caches and builds; keeps .venv and results'
+	@echo 'make setup          install missing Debian packages, create .venv; every target below does this first'
+	@echo 'make run            granpipe run $$(CASE)  [CASE=$(CASE)]'
+	@echo 'make sweep          granpipe sweep run $$(SWEEP) --on $$(ON)  [SWEEP=$(SWEEP) ON=$(ON)]'
+	@echo 'make status         state of every point of $$(SWEEP)'
+	@echo 'make cancel         cancel $$(SWEEP)'
+	@echo 'make study          a small study of error against time, a few minutes'
+	@echo 'make study-reactor  the study of the test reactor, some hours; writes docs/validation/study_reactor.md'
+	@echo 'make test           ruff, mypy and all tests that are not slow'
+	@echo 'make test-cluster   a sweep on a two-node Slurm started on this machine (as root)'
+	@echo 'make verify         the slow tests, fuzz and test-cluster'
+	@echo 'make fuzz           100 000 damaged inputs for each reader'
+	@echo 'make stability      the stability suite, half an hour; writes docs/validation/stability.md'
+	@echo 'make benchmarks     all of benchmarks/; writes docs/validation/benchmarks*.md'
+	@echo 'make docs           build the documentation: site/index.html'
+	@echo 'make lock           update requirements.lock to the newest versions'
+	@echo 'make clean          delete caches and builds; keep .venv and results'
 
 setup:
 	@PYTHON='$(PYTHON)' .ci/setup
@@ -87,12 +88,13 @@ benchmarks: setup
 	$(VENV)/bin/python benchmarks/dem_settings.py
 
 docs: setup
-	$(VENV)/bin/python -c 'from granpipe.case.reference import reference; print(reference(), end="")' >docs/reference/case.md
-	$(VENV)/bin/python -c 'from granpipe.pipeline.gates_page import gates_page; print(gates_page(), end="")' >docs/reference/gates.md
+	$(VENV)/bin/python docs/pages.py
+	$(VENV)/bin/mkdocs build --quiet --strict
+	@echo 'the documentation is in site/index.html'
 
 lock:
 	@PYTHON='$(PYTHON)' .ci/lock
 
 clean:
-	rm -rf build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find granpipe tests benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
