@@ -1,6 +1,7 @@
 """Error of the field against the length of the run: raw, row-scaled, smoothed as in the paper, and fitted ψ.
 
-A converging flow whose truth is known (tests/fakes/converging_scene.py); writes docs/validation/field_error.md and its chart.
+A converging flow whose truth is known (tests/fakes/converging_scene.py); writes docs/validation/field_error.md and its
+chart.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """What sweeps cost beside the work itself: fluid-only points here, and as array jobs on a Slurm of two nodes.
 
-python benchmarks/sweep.py            # as root, with Debian's Slurm (see .ci/cluster); writes docs/validation/benchmarks_sweep.md
+python benchmarks/sweep.py      # as root, with Debian's Slurm (see .ci/cluster)
+
+Writes docs/validation/benchmarks_sweep.md.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from granpipe.fluid.wall_speed import BoundaryData
 from granpipe.rzmesh import RZMesh
 
 FORCE_FACTOR = 1e5
-"""K in units of μ/a². In the one scene studied (docs/validation/force_factor.md) the error in the forced part has settled by 1e5,
-the error outside is least at 1e5 to 1e6, and above 1e8 divergence and the error outside grow."""
+"""K in units of μ/a². In the one scene studied (docs/validation/force_factor.md) the error in the forced part has
+settled by 1e5, the error outside is least at 1e5 to 1e6, and above 1e8 divergence and the error outside grow."""
 
 
 @dataclass(frozen=True)
