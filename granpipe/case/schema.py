@@ -65,6 +65,9 @@ Up = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 LEVEL_TOLERANCE = 1e-9  # m; levels nearer than this are one level
 
+LEAST_PACKING, MOST_PACKING = 0.1, 0.85
+"""Packing fraction of any bulk: cohesive powders lie at 0.2, wide size distributions at 0.8."""
+
 
 class Section(Group):
     """A part of the vessel between two levels."""
@@ -362,7 +365,8 @@ class Material(Group):
         description="Density of a particle, its inner pores included."
     )
     bulk_density: Annotated[float | None, Quantity(DENSITY, above=0, at_most=30000)] = Field(
-        default=None, description="Density of the bulk, voids included. Unless given, measured in the DEM plug."
+        default=None,
+        description="Density of the bulk, voids included; a fluid needs it. Unless given, measured in the plug of DEM.",
     )
     internal_friction_angle: Annotated[float | None, Quantity(ANGLE, above=0, below=math.pi / 2)] = Field(
         default=None, description="Effective angle of internal friction of the bulk (shear test), for Jenike's limit."
@@ -373,10 +377,19 @@ class Material(Group):
     size: Size = Field(description="Particle sizes; say whether radius or diameter.")
 
     @model_validator(mode="after")
-    def _lighter_than_solid(self) -> Material:
-        if self.bulk_density is not None and self.bulk_density >= self.density:
-            refuse(f"must be below density ({self.density:g} kg/m^3): the bulk has voids", ("bulk_density",))
+    def _packs(self) -> Material:
+        if self.packing is not None and not LEAST_PACKING <= self.packing <= MOST_PACKING:
+            refuse(
+                f"is {self.packing:.3g} of density ({self.density:g} kg/m^3); the bulk has voids, and its packing "
+                f"fraction must be in [{LEAST_PACKING:g}, {MOST_PACKING:g}]",
+                ("bulk_density",),
+            )
         return self
+
+    @property
+    def packing(self) -> float | None:
+        """Packing fraction of the bulk: bulk density over density; None unless the case gives both."""
+        return None if self.bulk_density is None else self.bulk_density / self.density
 
 
 Restitution = Annotated[float, Quantity(above=0.05, at_most=1)]
@@ -624,12 +637,6 @@ class Case(Group):
         if self.homogenize.method == "gaussian" and self.dem.statistical_error is not None:
             refuse(
                 "belongs to homogenize.method: psi, which knows its error; leave it out", ("dem", "statistical_error")
-            )
-        if self.model == "fluid" and self.flow_rate.mass is not None and self.material.bulk_density is None:
-            refuse(
-                "missing; without particles only it can turn the mass flow into a volume flow",
-                ("material", "bulk_density"),
-                show_value=False,
             )
         return self
 

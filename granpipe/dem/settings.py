@@ -185,7 +185,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     """Settle every number of the DEM run for so many cores; CaseError where the case asks for the impossible."""
     classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
     _check_number(classes, vessel)
-    gap_decisions = [_check_gap(opening, classes, case.dem.coarse_grain_factor) for opening in vessel.openings]
+    gap_decisions = [check_gap(opening, classes, case.dem.coarse_grain_factor) for opening in vessel.openings]
     _check_rest(case)
     reservoir = _reservoir_height(case, vessel, classes)
     level = vessel.top + reservoir
@@ -254,20 +254,50 @@ def _check_number(classes: SizeClasses, vessel: Vessel) -> None:
         )
 
 
-def _check_gap(opening: Opening, classes: SizeClasses, coarse_grain_factor: float) -> Decision:
-    """The material's own particles must be small enough; larger ones that stand for them are the case's decision."""
+def check_gap(opening: Opening, classes: SizeClasses, coarse_grain_factor: float) -> Decision:
+    """One rule for every opening: at least `LEAST_GAP` of the material's own particles fit side by side.
+
+    Larger particles that stand for them are the case's decision; from `LEAST_COARSE_GAP` on they are marked.
+
+    Raises
+    ------
+    CaseError : the opening is too narrow for the particles, or none passes it
+    """
     ratio = opening.gap / classes.d90
-    least = LEAST_GAP if coarse_grain_factor == 1 or ratio * coarse_grain_factor < LEAST_GAP else LEAST_COARSE_GAP
-    if ratio < least and opening.required:
+    smallest = 2 * classes.smallest / coarse_grain_factor
+    if opening.gap < smallest:
         raise CaseError(
-            f"the {opening.name} is {opening.gap:.4g} m wide, only {ratio:.2g} times the particles' d90 of "
-            f"{classes.d90:.4g} m; it must be at least {least:g} times: use smaller particles, a smaller "
-            f"dem.coarse_grain_factor or a wider opening",
+            f"the {opening.name} is {opening.gap:.4g} m wide: no particle passes it, the smallest is {smallest:.4g} m; "
+            f"{_closed(opening)}",
             key=opening.key,
         )
-    breach = f"below {LEAST_GAP:g} by dem.coarse_grain_factor" if ratio < LEAST_GAP and opening.required else ""
+    least = LEAST_GAP if coarse_grain_factor == 1 or ratio * coarse_grain_factor < LEAST_GAP else LEAST_COARSE_GAP
+    if ratio < least:
+        coarser = ", a smaller dem.coarse_grain_factor" if coarse_grain_factor > 1 else ""
+        raise CaseError(
+            f"the {opening.name} is {opening.gap:.4g} m wide, only {ratio:.2g} times the particles' d90 of "
+            f"{classes.d90:.4g} m; it must be at least {least:g} times: use smaller particles{coarser} or a wider "
+            "opening" + ("" if opening.required else f"; {_closed(opening)}"),
+            key=opening.key,
+        )
+    breach = f"below {LEAST_GAP:g} by dem.coarse_grain_factor" if ratio < LEAST_GAP else ""
     warning = "" if ratio >= 10 or breach else f"{ratio:.2g} is below 10: expect wall layers and arching to show"
     return Decision(f"gap/d90 at the {opening.name}", f"{ratio:.3g}", "at least 5, better 10", breach, warning)
+
+
+def _closed(opening: Opening) -> str:
+    """What to draw where an opening was not meant to be one."""
+    if opening.required:
+        return "widen it: there is no other way"
+    width = opening.r_outer - opening.r_inner
+    if math.isclose(width, opening.gap, rel_tol=1e-3) or opening.r_inner == 0:
+        return (
+            f"should the two sides touch? then move the points at r = {opening.r_outer:.6g} m to "
+            f"r = {opening.r_inner:.6g} m, or the other way round"
+        )
+    return (
+        f"should the two sides touch? then draw them with a common point near [{opening.r_inner:.6g}, {opening.z:.6g}]"
+    )
 
 
 def _size_ratio(classes: SizeClasses) -> Decision:

@@ -140,8 +140,8 @@ def _net_storage(parts: list[Sums]) -> Array:
 
 def _known_packing(case: Case, outline: Outline, sums: Sums, inside_fraction: Array, diameter: float) -> float | None:
     """φ_ref where it is not to be measured in the plug: given by the case, or of the bed above an open outlet."""
-    if case.material.bulk_density is not None:
-        return case.material.bulk_density / case.material.density
+    if case.material.packing is not None:
+        return case.material.packing
     if case.dem.outlet == "open":
         bottom = outline.z_bottom + DILATED_DIAMETERS * 2 * outline.outlet_radius
         return bed_packing(sums, inside_fraction, bottom, diameter)

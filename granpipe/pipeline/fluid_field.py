@@ -47,8 +47,8 @@ def wall_law(case: Case) -> WallLaw:
 def fluid_field(plan: Plan) -> ModelResult:
     """Solve for the flow rate of the case; the field is exact in conservation at every level and cell."""
     case, outline = plan.case, plan.outline
-    material = case.material
-    packing = 1.0 if material.bulk_density is None else material.bulk_density / material.density
+    packing = case.material.packing
+    assert packing is not None  # the plan of a fluid refuses a case without bulk density
     mesh = section_mesh(plan)
     flow = target_flow(case, packing)
     solution = solve_fluid(mesh, wall_law(case), flow, case.fluid.order)

@@ -20,7 +20,7 @@ from granpipe.pipeline.convergence import StatisticalErrorCriterion
 from granpipe.pipeline.dem_field import dem_field
 from granpipe.pipeline.dem_stages import simulate
 from granpipe.pipeline.fluid_field import fluid_gates, section_mesh, solve_figures, wall_law
-from granpipe.pipeline.gates import FOLLOWED, SEAM, Gate
+from granpipe.pipeline.gates import FOLLOWED, SEAM, Gate, breach_gates
 from granpipe.pipeline.known_field import known_results
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.flow import target_flow
@@ -63,6 +63,7 @@ def hybrid_field(plan: Plan, context: Context) -> ModelResult:
     return ModelResult(
         field=field,
         gates=(
+            *breach_gates(plan.unfit),
             *(gate.of(span.name) for span, made in followed for gate in made.gates),
             *_following_gates(differences),
             *fluid_gates(plan, field, solution, [(span.cut_bottom, span.cut_top) for span, _ in followed]),

@@ -1,8 +1,19 @@
-"""The flow rate that a case asks for, as bulk flow."""
+"""The flow rate that a case asks for, and what its openings let through."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
 from granpipe.case.schema import Case
+from granpipe.dem.settings import BEVERLOO_SHARE, MOST_BEVERLOO, PACKING, Opening, free_flow
+from granpipe.dem.sizes import size_classes
+from granpipe.errors import CaseError
+from granpipe.geometry.edges import Side
+from granpipe.geometry.openings import Opening as VesselOpening
+from granpipe.geometry.outline import Outline
 
 
 def target_flow(case: Case, packing: float) -> float:
@@ -12,3 +23,79 @@ def target_flow(case: Case, packing: float) -> float:
         return rate.volume
     assert rate.mass is not None  # the case gives one of the two
     return rate.mass / (case.material.density * packing)
+
+
+@dataclass(frozen=True)
+class FreeFlow:
+    """Free discharge [m³/s of bulk] through one opening, or all that lie beside each other at its level."""
+
+    name: str
+    bulk: float
+
+
+def check_flow_rate(
+    case: Case, outline: Outline, openings: Sequence[Opening], packing: float | None = None
+) -> tuple[str, ...]:
+    """What the user should keep in mind of the flow rate that the process asks for, against free discharge.
+
+    Parameters
+    ----------
+    openings : of the vessel, and what else the solids must pass
+    packing : packing fraction of the bulk, where it is known better than by the case
+
+    Raises
+    ------
+    CaseError : more is asked for than falls freely through an opening
+    """
+    flow = target_flow(case, packing or case.material.packing or PACKING)
+    particle = size_classes(case.material.size).mean_diameter
+    least = min((_free_flow(outline, opening, particle) for opening in openings), key=lambda one: one.bulk)
+    if least.bulk == 0:
+        return ()  # too narrow for the particles: refused as an opening
+    share = flow / least.bulk
+    amount = f"{flow:.3g} m³/s of bulk"
+    if share > 1:
+        mass = least.bulk * case.material.density * (packing or case.material.packing or PACKING)
+        raise CaseError(
+            f"{case.flow_rate}; {amount} is {share:.3g} times the free discharge through the {least.name}, about "
+            f"{least.bulk:.3g} m³/s or {mass:.3g} kg/s (Beverloo); ask for less, or widen the opening",
+            ("flow_rate",),
+        )
+    if share <= BEVERLOO_SHARE:
+        return ()
+    return (
+        f"flow_rate: {amount} is {share:.0%} of the free discharge through the {least.name} ({least.bulk:.3g} m³/s "
+        f"after Beverloo): above {BEVERLOO_SHARE:.0%} inertia changes the flow pattern, and the field does not show it",
+    )
+
+
+def _free_flow(outline: Outline, opening: Opening, particle: float) -> FreeFlow:
+    """Free discharge through an opening that all solids pass, or through the vessel's section at its level."""
+    if opening.required:
+        return FreeFlow(opening.name, free_flow(opening, particle) * _cone_factor(outline, opening))
+    sides: tuple[Side, ...] = ("above", "below")  # of the level at which an obstacle may begin or end
+    cuts = [[_interval(opening, r0, r1) for r0, r1 in outline.intervals(opening.z, side)] for side in sides]
+    least = min(sum(free_flow(one, particle) for one in cut) for cut in cuts)
+    return FreeFlow(f"openings at the level of the {opening.name}", least)
+
+
+def _interval(opening: Opening, r0: float, r1: float) -> VesselOpening:
+    gap = 2 * r1 if r0 == 0 else r1 - r0
+    area = math.pi * (r1**2 - r0**2)
+    return VesselOpening(opening.name, opening.z, r0, r1, gap, area, False, opening.key)
+
+
+def _cone_factor(outline: Outline, opening: Opening) -> float:
+    """How much more falls through an opening below a cone than through one in a flat bottom.
+
+    (tan α)^−0.35 of the half-angle α below 45°, at most `MOST_BEVERLOO`. Source: Rose & Tanaka (1959) in the form of
+    Nedderman (1992), with a stagnant zone at 45°.
+    """
+    narrowing = [
+        math.atan2(r0 - r1, z0 - z1)
+        for (r0, z0), (r1, z1) in pairwise(outline.wall.tolist())
+        if r1 < r0 and z1 >= opening.z - outline.tolerance
+    ]
+    if opening.r_inner > 0 or not narrowing:
+        return 1.0
+    return float(max(1.0, min(MOST_BEVERLOO, math.tan(narrowing[-1]) ** -0.35)))

@@ -8,14 +8,15 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from granpipe.case.schema import Case
-from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, choose
+from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, check_gap, choose
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError, MeshError
 from granpipe.field import Grid
-from granpipe.geometry.openings import find_openings
+from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
-from granpipe.planning.jenike import hopper_regime
+from granpipe.planning.flow import check_flow_rate
+from granpipe.planning.sections import section_needs
 from granpipe.planning.submodel import Span, spans, sub_case
 from granpipe.system.rates import RANK_GAIN
 
@@ -108,7 +109,7 @@ class Plan:
 
     @property
     def breaches(self) -> tuple[str, ...]:
-        """Values of the case outside the stable or accurate range."""
+        """What lies outside the stable or accurate range: such a run is marked."""
         return (
             *(f"model = fluid: {one}" for one in self.unfit),
             *(f"{c.name} = {c.value}: {c.breach}" for c in self.decisions if c.breach),
@@ -145,22 +146,16 @@ class _Scene:
         self.case, self.cores = case, cores
         self.outline = Outline.from_case(case)
         self.openings = find_openings(self.outline)
-        self.verdicts: dict[str, Stage] = {}
-        for name in self.outline.sections:
-            self.verdicts[name] = self._verdict(name)
-
-    @property
-    def needs(self) -> dict[str, str]:
-        """Section → why it needs DEM; empty where it does not."""
-        return {name: verdict.reason if verdict.name == "dem" else "" for name, verdict in self.verdicts.items()}
+        self.needs = section_needs(case, self.outline)
 
     def choose_model(self) -> Model:
         """What the case says, or the least that its sections need."""
         if self.case.model != "auto":
             return self.case.model
-        if not any(self.needs.values()):
+        by_dem = {name for name, need in self.needs.items() if need.model == "dem"}
+        if not by_dem:
             return "fluid"
-        if all(self.needs.values()):
+        if by_dem == set(self.needs) or not by_dem <= set(self.outline.sections):
             return "dem"
         hybrid, dem = self.plan("hybrid"), self.plan("dem")
         return "hybrid" if hybrid.particle_steps < HYBRID_GAIN * dem.particle_steps else "dem"
@@ -169,64 +164,78 @@ class _Scene:
         """The plan of one model."""
         return {"fluid": self._fluid, "dem": self._dem, "hybrid": self._hybrid}[model]()
 
-    def _verdict(self, name: str) -> Stage:
-        """Stage("dem" or "fluid", why) for a section; sections above it have theirs already."""
-        section, outline = self.case.outline.sections[name], self.outline
-        if section.model is not None:
-            return Stage(section.model, "the case says so")
-        for obstacle, polygon in outline.obstacles.items():
-            if polygon[:, 1].min() < section.z_top and polygon[:, 1].max() > section.z_bottom:
-                return Stage("dem", f"obstacle {obstacle} stands in it")
-        levels = [section.z_top, *(z for z in outline.wall[:, 1] if section.z_bottom < z < section.z_top)]
-        widens = any(
-            outline.wall_radius(z, "below") > outline.wall_radius(z, "above") + outline.tolerance for z in levels
-        )
-        slopes = [float(outline.wall_slope(z, "below")) for z in levels]
-        if widens or min(slopes) < 0:
-            return Stage("dem", "it widens: a free surface forms")
-        for above, verdict in self.verdicts.items():
-            if (
-                verdict.name == "dem"
-                and self.case.outline.sections[above].z_bottom >= section.z_top - outline.tolerance
-            ):
-                return Stage("dem", f"it lies below section {above}, whose flow is not simple")
-        if max(slopes) == 0:
-            return Stage("fluid", "straight: plug flow")
-        return self._hopper(section.regime, math.atan(max(slopes)))
-
-    def _hopper(self, said: str | None, half_angle: float) -> Stage:
-        material = self.case.material
-        regime, figures = said or "undecided", "the case says so"
-        if material.internal_friction_angle is not None and material.wall_friction_angle is not None:
-            computed, jenike = hopper_regime(half_angle, material.internal_friction_angle, material.wall_friction_angle)
-            regime = said or computed
-            figures = f"the case says so, Jenike {computed}: {jenike}" if said else jenike
-        elif said is None:
-            figures = "neither outline.sections.….regime nor the bulk friction angles are given"
-        return Stage("fluid" if regime == "mass_flow" else "dem", f"{regime} hopper ({figures})")
-
     def _fluid(self) -> Plan:
-        self._check_annulus()
-        unfit = tuple(f"section {n} is not for a fluid: {why}" for n, why in self.needs.items() if why)
-        why = "the case asks for it" if unfit else "every section is straight or a mass-flow hopper"
-        left = [Stage("DEM run", "no section needs it" if not unfit else "the case asks for a fluid")]
+        self._check_density()
+        through = self._fluid_openings()
+        notes = [*check_flow_rate(self.case, self.outline, through), *self._narrow(through)]
+        unfit, doubts = self._unfit(self.needs)
+        why = "the case asks for it" if unfit or doubts else "every section is straight or a mass-flow hopper"
+        left = [Stage("DEM run", "the case asks for a fluid" if unfit or doubts else "no section needs it")]
         left.append(Stage("averaging", "there are no particles"))
         if "vessel" in self.case.figures:
             left.append(Stage("3-D picture", "there are no particles to show"))
         left += self._left_out_fields("there are no particles")
         stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid"), self._results("fluid")]
-        notes = [] if self.case.fluid.outlet_profile == "developed" else [OUTLET_NOTE]
+        notes += doubts
+        notes += [] if self.case.fluid.outlet_profile == "developed" else [OUTLET_NOTE]
         plan = self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
-        return replace(plan, unfit=unfit)
+        return replace(plan, unfit=tuple(unfit))
+
+    def _check_density(self) -> None:
+        """CaseError unless the case tells what the fluid weighs: nothing else does without particles."""
+        if self.case.material.bulk_density is None:
+            raise CaseError(
+                "missing; a fluid has no particles to measure the packing by, which turns its velocity into a mass "
+                "flow: give the bulk density, or set model: dem",
+                ("material", "bulk_density"),
+            )
+
+    def _fluid_openings(self) -> tuple[Opening, ...]:
+        """The openings of the vessel, and the annulus through which the fluid is to leave."""
+        if self.case.fluid.annulus is None:
+            return self.openings
+        (inner, outer), radius = self.case.fluid.annulus, self.outline.outlet_radius
+        if outer > radius + self.outline.tolerance:
+            raise CaseError(f"reaches to {outer:g} m, but the outlet has a radius of {radius:g} m", ANNULUS)
+        gap, area = (outer - inner if inner else 2 * outer), math.pi * (outer**2 - inner**2)
+        annulus = Opening("annular outlet", self.outline.z_bottom, inner, outer, gap, area, True, ANNULUS)
+        return (*self.openings, annulus)
+
+    def _narrow(self, openings: Iterable[Opening]) -> list[str]:
+        """Notes on openings that are narrow for the particles; CaseError where one is too narrow."""
+        decisions = [check_gap(opening, size_classes(self.case.material.size), 1.0) for opening in openings]
+        return [f"{decision.name}: {decision.warning}" for decision in decisions if decision.warning]
+
+    def _unfit(self, names: Iterable[str]) -> tuple[list[str], list[str]]:
+        """Marks and notes on sections that would be a fluid though one does not describe them.
+
+        CaseError where solids rest on a floor: the fluid of a funnel is wrong by half.
+        """
+        unfit: list[str] = []
+        doubts: list[str] = []
+        for name in names:
+            need = self.needs[name]
+            if need.floor is not None:
+                given = self.case.outline.sections.get(name)
+                said = given is not None and given.model == "fluid"
+                raise CaseError(
+                    f"section {name} cannot be a fluid: solids rest on {need.floor.text}, and the flow above it is a "
+                    f"funnel up to z = {need.floor.reach:.4g} m; use particles there (model: auto or dem)",
+                    ("outline", "sections", name, "model") if said else need.floor.key,
+                )
+            if need.objection:
+                text = f"section {name} is not for a fluid: {need.objection}"
+                (doubts if need.doubtful else unfit).append(text)
+        return unfit, doubts
 
     def _dem(self) -> Plan:
         settings = choose(self.case, self._vessel(), self.cores)
         self._check_duration(settings)
-        reasons = "; ".join(f"{name}: {why}" for name, why in self.needs.items() if why) or "the case asks for it"
+        reasons = "; ".join(f"{name}: {need.dem}" for name, need in self.needs.items() if need.dem)
         stages = [
             Stage("walls", "LIGGGHTS needs the revolved walls, a reservoir and the outlet"),
             Stage("settle", "fill by repeated insertion and come to rest"),
-            Stage("produce", reasons),
+            Stage("produce", reasons or "the case asks for it"),
             Stage("field", f"average, then conserve by method {self.case.homogenize.method}"),
             self._results("dem"),
         ]
@@ -234,7 +243,9 @@ class _Scene:
         replicas = self.case.dem.replicas
         steps = replicas * settings.particles * (settings.steps + _fill_steps(settings))
         together = min(replicas, max(1, self.cores // settings.ranks))
-        plan = self._made("dem", self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER), stages, left)
+        grid = self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER)
+        notes = check_flow_rate(self.case, self.outline, self.openings)
+        plan = self._made("dem", grid, stages, left, notes=list(notes))
         return replace(
             plan,
             settings=settings,
@@ -270,10 +281,25 @@ class _Scene:
             )
 
     def _hybrid(self) -> Plan:
-        self._check_annulus()
         case = self.case
         classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
-        found = spans(case, self.needs, classes.d90, lambda z, side: float(self.outline.wall_radius(z, side)))
+        outside = [name for name, need in self.needs.items() if need.objection and name not in case.outline.sections]
+        if outside:
+            raise CaseError(
+                f"the vessel {outside[0]} needs DEM ({self.needs[outside[0]].objection}), but no section covers it; "
+                "add one, or set model: dem",
+                ("outline", "sections"),
+            )
+        rest = [name for name, need in self.needs.items() if not need.dem]
+        unfit, doubts = self._unfit(rest)
+        through = self._fluid_openings()
+        notes = [*check_flow_rate(case, self.outline, through), *self._narrow(through), *doubts]
+        found = spans(
+            case,
+            {n: need.dem for n, need in self.needs.items()},
+            classes.d90,
+            lambda z, side: float(self.outline.wall_radius(z, side)),
+        )
         if not found:
             raise CaseError("no section needs DEM; set model: auto or fluid, or model: dem in a section", ("model",))
         grid = self._grid(classes.sauter_diameter / CELLS_PER_DIAMETER)
@@ -281,16 +307,16 @@ class _Scene:
         earlier = case.fluid.known_field
         submodels = () if earlier else tuple(self._submodel(span, grid) for span in cut)
         stages = [Stage(f"{earlier or 'DEM'} in {span.name}", self._why(span)) for span in cut]
-        rest = [n for n, why in self.needs.items() if not why]
         stages.append(
             Stage("fluid", f"sections {', '.join(rest)} flow simply; the others are forced to follow what is known")
         )
         stages.append(self._results("hybrid"))
-        left = [Stage(f"DEM of {n}", self.verdicts[n].reason) for n in rest]
+        left = [Stage(f"DEM of {n}", self.needs[n].reason) for n in rest]
         left += self._left_out_fields("the field is that of the fluid")
-        plan = self._made("hybrid", grid, stages, left)
+        plan = self._made("hybrid", grid, stages, left, notes=notes)
         return replace(
             plan,
+            unfit=tuple(unfit),
             submodels=submodels,
             followed=cut if earlier else (),
             decisions=decisions_of(submodels),
@@ -298,19 +324,6 @@ class _Scene:
             seconds=FLUID_SECONDS + sum(submodel.seconds for _, submodel in submodels),
             disk_bytes=sum(submodel.disk_bytes for _, submodel in submodels),
         )
-
-    def _check_annulus(self) -> None:
-        """CaseError where particles cannot leave between the two radii of a fluid's outlet."""
-        if (annulus := self.case.fluid.annulus) is None:
-            return
-        (inner, outer), radius = annulus, self.outline.outlet_radius
-        particle = size_classes(self.case.material.size).d90
-        if outer > radius + self.outline.tolerance:
-            raise CaseError(f"reaches to {outer:g} m, but the outlet has a radius of {radius:g} m", ANNULUS)
-        if outer - inner < particle:
-            raise CaseError(
-                f"is {outer - inner:.3g} m wide; particles (d90 = {particle:.3g} m) do not pass: make it wider", ANNULUS
-            )
 
     def _left_out_fields(self, why: str) -> list[Stage]:
         """What the case asks for under homogenize.fields that only particles can tell."""
@@ -324,7 +337,7 @@ class _Scene:
         return span, replace(plan, grid=Grid(grid.r_edges[: columns + 1], grid.z_edges[rows]))
 
     def _why(self, span: Span) -> str:
-        return "; ".join(f"{name}: {self.needs[name] or 'between its neighbours'}" for name in span.sections)
+        return "; ".join(f"{name}: {self.needs[name].dem or 'between its neighbours'}" for name in span.sections)
 
     def _made(
         self,

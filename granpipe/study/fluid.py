@@ -48,7 +48,7 @@ def fluid_ladder(case: Case, grid: Grid) -> tuple[Solve, ...]:
     """The fluid on coarser and finer meshes, each order, against the finest."""
     outline = Outline.from_case(case)
     inside = outline.inside_fraction(grid)
-    flow = target_flow(case, case.material.bulk_density / case.material.density if case.material.bulk_density else 0.6)
+    flow = target_flow(case, case.material.packing or 0.6)
 
     def solve(across: int, order: int):  # type: ignore[no-untyped-def]
         begun = time.monotonic()

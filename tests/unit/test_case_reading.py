@@ -338,10 +338,11 @@ def test_averaging_must_begin_before_production_ends():
         case_of(MINIMAL, homogenize__start="5", dem__max_time="5 s")
 
 
-def test_mass_flow_without_particles_needs_a_bulk_density():
-    with pytest.raises(CaseError, match=r"material.bulk_density: missing; without particles"):
-        case_of(MINIMAL, flow_rate="1 t/h", model="fluid")
-    assert case_of(MINIMAL, flow_rate="1 t/h", model="fluid", material__bulk_density="600").flow_rate.mass
+@pytest.mark.parametrize("density", ["990", "1000", "1200", "50"])
+def test_bulk_that_does_not_pack_like_a_bulk_is_refused(density):
+    with pytest.raises(CaseError, match=r"packing fraction must be in \[0\.1, 0\.85\]") as refused:
+        case_of(MINIMAL, material__bulk_density=density)
+    assert refused.value.key == ("material", "bulk_density")
 
 
 def test_resolved_case_loads_again_as_the_same_case():

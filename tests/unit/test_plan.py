@@ -71,7 +71,9 @@ def test_fast_particles_in_a_thin_skin_shorten_the_automatic_step(tiny: Path) ->
 
 
 def test_youngs_modulus_follows_the_weight_of_the_bed(tiny: Path) -> None:
-    light, heavy = (plan_of(tiny, material__density=rho).dem.youngs_modulus for rho in ("200", "20000"))
+    light, heavy = (
+        plan_of(tiny, material__density=rho, flow_rate="0.1 kg/s").dem.youngs_modulus for rho in ("200", "20000")
+    )
     assert heavy == pytest.approx(100 * light, rel=0.1)
     assert plan_of(tiny, contact__wall="{friction: 0}").dem.youngs_modulus > plan_of(tiny).dem.youngs_modulus
 

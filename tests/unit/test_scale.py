@@ -10,7 +10,7 @@ import pytest
 
 from granpipe.case.reader import read_case
 from granpipe.case.schema import Case
-from granpipe.errors import RunError
+from granpipe.errors import CaseError, DataError, RunError
 from granpipe.field import Field, Grid, flux_from_psi
 from granpipe.pipeline.scale import scale_results
 
@@ -27,7 +27,7 @@ def results(tmp_path: Path) -> Path:
     psi = np.tile(-0.5 / np.pi * grid.r_edges**2, (len(grid.z_edges), 1))
     flux_r, flux_z = flux_from_psi(psi, grid)
     ones = np.ones(grid.shape)
-    Field(grid, ones, ones > 0, flux_r, flux_z, 1.0, 1.0, 1.0, psi=psi).save(folder / "field.npz")
+    Field(grid, ones, ones > 0, 0.6 * flux_r, 0.6 * flux_z, 1.0, 0.6, 1.0, psi=0.6 * psi).save(folder / "field.npz")
     return folder
 
 
@@ -52,7 +52,23 @@ def test_times_go_down_as_the_flow_goes_up(results: Path, tmp_path: Path) -> Non
 
 
 def test_a_flow_near_free_discharge_is_warned_about(results: Path, tmp_path: Path) -> None:
-    assert "free discharge at the outlet" in scale_results(results, case_at("0.5 m^3/s"), tmp_path / "out")
+    assert "of the free discharge through the outlet" in scale_results(results, case_at("0.5 m^3/s"), tmp_path / "out")
+
+
+def test_a_flow_above_free_discharge_is_refused_and_nothing_is_written(results: Path, tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="times the free discharge through the outlet") as refusal:
+        scale_results(results, case_at("1e9 t/h"), tmp_path / "out")
+    assert refusal.value.key == ("flow_rate",)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_field_that_does_not_know_its_packing_is_not_scaled(results: Path, tmp_path: Path) -> None:
+    field = Field.load(results / "field.npz")
+    assert field.psi is not None
+    solid = {"flux_r": field.flux_r / 0.6, "flux_z": field.flux_z / 0.6, "psi": field.psi / 0.6}
+    replace(field, bulk_packing=1.0, **solid).save(results / "field.npz")
+    with pytest.raises(DataError, match=r"run the case again with material\.bulk_density"):
+        scale_results(results, case_at("1 t/h"), tmp_path / "out")
 
 
 def test_an_existing_folder_is_not_overwritten(results: Path, tmp_path: Path) -> None:
