@@ -84,6 +84,18 @@ class _Quantity(click.ParamType):  # type: ignore[type-arg]
         return number
 
 
+class _Place(click.ParamType):  # type: ignore[type-arg]
+    """Two lengths with a comma between them; the command gets them in SI."""
+
+    name = "x,y"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        ends = [_Quantity("length").convert(text, param, ctx) for text in str(value).split(",")]
+        if len(ends) != 2:
+            self.fail(f"{value}: write two lengths, such as 0.5,0.5", param, ctx)
+        return ends[0], ends[1]
+
+
 class _Override(click.ParamType):  # type: ignore[type-arg]
     """`key=value`: a dotted key of the case and its value as YAML."""
 
@@ -300,6 +312,9 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
 @click.option("--z", nargs=2, type=_Quantity("length"), help="Range of z.")
 @click.option("--time-step", required=True, type=_Quantity("time", positive=True),
               help="Time step of the simulation, to convert step numbers to times.")  # fmt: skip
+@click.option("--up", type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]), help="Direction against gravity; default: z.")
+@click.option("--axis", type=_Place(), metavar="X,Y", help="Place of the axis in the other two directions; default: 0,0.")
+@click.option("--radius", type=_Quantity("length", positive=True), help="Radius of all particles, if the dumps lack it.")
 @click.option("--columns", help="Column names of binary dumps, comma-separated; default: those of granpipe's decks.")
 @click.option("--start", type=_Quantity("time"), help="Time at which the average begins.")
 @click.option("--stop", type=_Quantity("time"), help="Time at which the average ends.")
@@ -307,30 +322,39 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
 @click.option("--out", required=True, type=_PATH, help="Folder for the field.")
 def homogenize(
     dumps: tuple[Path, ...], cell: float, plane: Literal["rz", "xz", "xyz"], x: tuple[float, float] | None,
-    y: tuple[float, float] | None, z: tuple[float, float] | None, time_step: float, columns: str | None,
-    start: float | None, stop: float | None, case: Path | None, out: Path,
+    y: tuple[float, float] | None, z: tuple[float, float] | None, time_step: float,
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None, axis: tuple[float, float] | None, radius: float | None,
+    columns: str | None, start: float | None, stop: float | None, case: Path | None, out: Path,
 ) -> None:  # fmt: skip
     """Average DUMPS of your own LIGGGHTS run into a field.
 
-    DUMPS are binary, text or gzipped dump files. With --case the field is made to conserve volume inside the case's
+    DUMPS are binary, text, gzipped or VTK dump files. With --case the field is made to conserve volume inside the case's
     outline. Without it the field is the plain average on a grid around the particles; in the plane x-z it is made to
-    conserve volume as well.
+    conserve volume as well. Ranges are in the directions that --up and --axis make: z up, the axis at x = y = 0.
     """
-    from granpipe.pipeline.dump_grid import Frame
-    from granpipe.pipeline.dumps import Request, homogenize_files, write_field
+    from granpipe.pipeline.dump_files import write_homogenized
+    from granpipe.pipeline.dump_window import Frame, Request
+    from granpipe.pipeline.dumps import homogenize_files
 
     outline_case = None if case is None else _read(case).case
     request = Request(
         dumps=dumps,
-        frame=Frame(plane, cell, x, y, z),
+        frame=Frame(plane, cell, x, y, z, up, axis),
         time_step=time_step,
         columns=None if columns is None else tuple(columns.split(",")),
         start=-math.inf if start is None else start,
         stop=math.inf if stop is None else stop,
+        radius=radius,
     )
     made = homogenize_files(request, outline_case)
-    write_field(made.field, outline_case, out)
+    write_homogenized(made, outline_case, out)
     click.echo(f"field in {out}; sampled by {made.sampling}; method: {made.method}")
+    for note in made.notes:
+        click.echo(f"note: {note}")
+    for gate in made.failed:
+        click.echo(f"quality gate failed: {gate}", err=True)
+    if made.failed:
+        sys.exit(QUALITY_FAILED)
 
 
 @main.command()

@@ -22,6 +22,7 @@ import numpy as np
 from granpipe.errors import DataError
 from granpipe.field import Array, Box, Grid, Mask, Particles, restored
 from granpipe.homogenize.deposit import Deposit, deposit, deposit_paths, empty_deposit
+from granpipe.homogenize.slices import Index
 
 Sampling = Literal["velocity", "displacement"]
 
@@ -205,8 +206,10 @@ class Collector:
     grid : the deposition grid
     sampling : see `Sums`
     points : Gauss points over a cell's height
-    path_density : points along the paths between two snapshots, in parts of the usual number, for ``displacement``
-    threads : cores to use
+    jump : for ``displacement``: where particles leave and enter the field's neighbourhood, they are followed there
+        with the velocities that they have in the one snapshot that holds them; so are those that travel farther than
+        `jump` [m] and what three times their speeds explain: they left and came back elsewhere. None: they are not
+        followed
     extras : what to sum beside volume and flow
     """
 
@@ -215,12 +218,12 @@ class Collector:
         grid: Grid,
         sampling: Sampling = "velocity",
         points: int = 3,
-        path_density: float = 1.0,
-        threads: int = 1,
+        jump: float | None = None,
         extras: Sequence[Extra] = (),
     ) -> None:
         self.grid, self.sampling, self.extras = grid, sampling, extras
-        self.points, self.path_density, self.threads = points, path_density, threads
+        self.points, self.jump = points, jump
+        self.jumps = 0  # of particles, so far
         self._last: tuple[float, Particles] | None = None
         self._last_volume: Array | None = None
         self._begin()
@@ -249,6 +252,11 @@ class Collector:
         if self._first is None:
             self._first, self._first_volume = self._last, self._last_volume
 
+    @property
+    def _axes(self) -> list[int]:
+        """Directions in which a way counts: a depth that nothing is cut by does not matter."""
+        return [0, 2] if isinstance(self.grid, Box) and not self.grid.cut else [0, 1, 2]
+
     def observe(self, values: Mapping[str, Array]) -> None:
         """Add values that were not seen on the particles to the extra sums of the segment, without a weight."""
         for name, value in values.items():
@@ -260,9 +268,7 @@ class Collector:
             position,
             velocity,
             radius,
-            lambda those: deposit(
-                position[those], radius[those], velocity[those], self.grid, self.points, self.threads
-            ),
+            lambda those: deposit(position[those], radius[those], velocity[those], self.grid, self.points),
         )
 
     def _between(self, before: tuple[float, Particles], after: tuple[float, Particles]) -> Sample:
@@ -270,20 +276,20 @@ class Collector:
         _, at_old, at_new = np.intersect1d(old.id, new.id, return_indices=True)
         start, radius, duration = old.position[at_old], new.radius[at_new], now - then
         path = new.position[at_new] - start
+        if self.jump is not None:
+            speed = np.maximum(*(np.linalg.norm(v, axis=1) for v in (old.velocity[at_old], new.velocity[at_new])))
+            went = ~jumped(path[:, self._axes], speed * duration, self.jump)
+            self.jumps += int((~went).sum())
+            leaves, enters = _others(len(old.id), at_old[went]), _others(len(new.id), at_new[went])
+            out, into = old.velocity[leaves] * duration, new.velocity[enters] * duration
+            start = np.concatenate([start[went], old.position[leaves], new.position[enters] - into])
+            path = np.concatenate([path[went], out, into])
+            radius = np.concatenate([radius[went], old.radius[leaves], new.radius[enters]])
         return Sample(
             start + 0.5 * path,
             path / duration,
             radius,
-            lambda those: deposit_paths(
-                start[those],
-                path[those],
-                radius[those],
-                duration,
-                self.grid,
-                self.points,
-                self.path_density,
-                self.threads,
-            ),
+            lambda those: deposit_paths(start[those], path[those], radius[those], duration, self.grid, self.points),
         )
 
     def _take(self, time: float, weight: float, sample: Sample) -> Deposit:
@@ -346,6 +352,18 @@ class Collector:
         particles = snapshot[1]
         position = particles.position
         return deposit(position, particles.radius, np.zeros_like(position), self.grid, self.points).volume
+
+
+def jumped(path: Array, explained: Array, jump: float) -> Mask:
+    """(n,) whether paths (n, k) are longer than a length [m] and three times what speeds explain (n,) [m]."""
+    return np.asarray(np.linalg.norm(path, axis=1) > jump + 3 * explained)
+
+
+def _others(count: int, chosen: Index) -> Mask:
+    """(count,) those not among the chosen indices."""
+    left = np.ones(count, dtype=bool)
+    left[chosen] = False
+    return left
 
 
 def _row_moments(position: Array, velocity: Array, volume: Array, grid: Grid) -> Array:

@@ -14,7 +14,6 @@ Cartesian cells (`granpipe.homogenize.deposit_box`) cut the same discs into rect
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import NamedTuple
 
@@ -46,7 +45,7 @@ class Deposit(NamedTuple):
     flow_y: Array = np.zeros(0)
 
 
-def deposit(position: Array, radius: Array, velocity: Array, grid: Grid, points: int = 3, threads: int = 1) -> Deposit:
+def deposit(position: Array, radius: Array, velocity: Array, grid: Grid, points: int = 3) -> Deposit:
     """Deposit spheres and their flow on a grid.
 
     Spheres that reach above or below the grid count with their part in it. Spheres that reach across its outermost
@@ -59,24 +58,14 @@ def deposit(position: Array, radius: Array, velocity: Array, grid: Grid, points:
     radius : (n,) [m]
     velocity : (n, 3) [m/s]
     points : Gauss points over the height of each cell
-    threads : cores to use
     """
     touching = (position[:, 2] + radius > grid.z_edges[0]) & (position[:, 2] - radius < grid.z_edges[-1])
-    parts = np.array_split(np.flatnonzero(touching), threads)
-
-    def one(those: Index) -> Deposit:
-        spheres = position[those], radius[those], velocity[those]
-        if isinstance(grid, Box):
-            total = empty_deposit(grid)
-            add_to_boxes(*spheres, grid, points, *total)
-            return total
+    spheres = position[touching], radius[touching], velocity[touching]
+    if not isinstance(grid, Box):
         return _deposited(_cylindrical(*spheres), grid, points)
-
-    if threads == 1:
-        return one(parts[0])
-    with ThreadPoolExecutor(threads) as pool:
-        found = list(pool.map(one, parts))
-    return Deposit(*(np.sum(arrays, axis=0) for arrays in zip(*found, strict=True)))
+    total = empty_deposit(grid)
+    add_to_boxes(*spheres, grid, points, *total)
+    return total
 
 
 def _deposited(spheres: _Spheres, grid: Grid, points: int) -> Deposit:
@@ -109,8 +98,6 @@ def deposit_paths(
     duration: float,
     grid: Grid,
     points: int = 3,
-    density: float = 1.0,
-    threads: int = 1,
 ) -> Deposit:
     """Time average of the deposit of spheres on straight paths at steady speed.
 
@@ -124,20 +111,18 @@ def deposit_paths(
     radius : (n,) [m]
     duration : between the two [s]
     points : Gauss points over the height of each cell
-    density : times so many points along the paths
-    threads : cores to use
     """
     total = empty_deposit(grid)
     low, high = np.minimum(start[:, 2], start[:, 2] + path[:, 2]), np.maximum(start[:, 2], start[:, 2] + path[:, 2])
     touching = (high + radius > grid.z_edges[0]) & (low - radius < grid.z_edges[-1])
     start, path, radius = start[touching], path[touching], radius[touching]
-    cells = np.linalg.norm(path, axis=1) / grid.cell * density
+    cells = np.linalg.norm(path, axis=1) / grid.cell
     numbers = 2 ** np.clip(np.ceil(np.log2(np.maximum(cells, 1))) + 1, 1, 5).astype(int)
     for number in np.unique(numbers):
         chosen = numbers == number
         begin, way = start[chosen], path[chosen]
         for node, weight in zip(*gauss(int(number)), strict=True):
-            part = deposit(begin + 0.5 * (1 + node) * way, radius[chosen], way / duration, grid, points, threads)
+            part = deposit(begin + 0.5 * (1 + node) * way, radius[chosen], way / duration, grid, points)
             for array, added in zip(total, part, strict=True):
                 array += 0.5 * weight * added
     return total

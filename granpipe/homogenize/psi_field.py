@@ -196,10 +196,11 @@ def _weights(se: Flux, faces: tuple[Mask, Mask], grid: Grid, diameter: float) ->
     Gaussian.
     """
     area_r = np.maximum(grid.side_area, 0.5 * grid.side_area[1])
-    return Weights(
-        area_r / _smooth_variance(se[0] ** 2 * area_r, faces[0], grid, diameter),
-        grid.ring_area / _smooth_variance(se[1] ** 2 * grid.ring_area, faces[1], grid, diameter),
-    )
+    along_z = _smooth_variance(se[1] ** 2 * grid.ring_area, faces[1], grid, diameter)
+    along_r = se[0] ** 2 * area_r
+    if not along_r[faces[0]].any():  # a rigid motion: nothing ever moves sidewise, and that is known as well
+        along_r = np.full_like(along_r, along_z.mean())
+    return Weights(area_r / _smooth_variance(along_r, faces[0], grid, diameter), grid.ring_area / along_z)
 
 
 def _smooth_variance(variance: Array, faces: Mask, grid: Grid, diameter: float) -> Array:

@@ -121,12 +121,15 @@ class PsiFit:
                 matrix += count * stiffness * (rows.T @ diagonal @ rows)
         expand, wall_part = self._unknowns
         self._wall_load = expand.T @ (matrix @ wall_part)
-        self._factor = splu(
-            sparse.csc_matrix(expand.T @ matrix @ expand),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0,
-            options={"SymmetricMode": True},
-        )
+        try:
+            self._factor = splu(
+                sparse.csc_matrix(expand.T @ matrix @ expand),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0,
+                options={"SymmetricMode": True},
+            )
+        except RuntimeError as error:
+            raise DataError(f"the segments do not determine a stream function ({error}); average longer") from error
 
     def solve(self, flux_r: Array, flux_z: Array, solids_flow: float) -> Array:
         """(nz+1, nr+1) ψ of the solids flux [m³/s per radian] for data (nz, nr+1), (nz+1, nr) [m/s].

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
-from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.field import Array, Box, Grid
-
-Plane = Literal["rz", "xz", "xyz"]
-Range = tuple[float, float]
+from granpipe.pipeline.dump_survey import Survey
+from granpipe.pipeline.dump_window import Frame, Range
 
 LEAST_CELL = 0.02
 """Sauter diameters: smaller cells resolve nothing but the shape of single spheres, and cost time and memory."""
@@ -22,57 +18,48 @@ _ARRAYS = 30  # of the size of the grid while a snapshot is added, besides the s
 _SUMS = 6  # arrays per segment
 
 
-@dataclass(frozen=True)
-class Frame:
-    """What part of space is averaged, and how.
-
-    plane : rings about the axis (rz), a slab averaged over y (xz), or space (xyz)
-    cell : edge length of a cell [m]
-    x, y, z : ranges [m]; None: as far as the particles of the first snapshot reach, within the box
-    """
-
-    plane: Plane
-    cell: float
-    x: Range | None = None
-    y: Range | None = None
-    z: Range | None = None
-
-
-def grid_round(snapshot: Snapshot, frame: Frame, diameter: float, segments: int) -> Grid:
-    """The grid of a frame; DataError where it makes no sense or does not fit into memory.
+def grid_round(found: Survey, frame: Frame, segments: int) -> Grid:
+    """The grid of a frame round the particles.
 
     Parameters
     ----------
-    diameter : Sauter diameter [m]
+    found : where the particles are, and how large
     segments : how many of them will be held at once
+
+    Raises
+    ------
+    DataError : ranges that make no sense, cells that are too small, or more than the memory holds
     """
-    if not frame.cell >= LEAST_CELL * diameter:
+    if not frame.cell >= LEAST_CELL * found.diameter:
         raise DataError(
             f"--cell {frame.cell:g} m is less than {LEAST_CELL:g} of the particles' Sauter diameter of "
-            f"{diameter:.3g} m; {diameter / 4:.2g} m is fine enough"
+            f"{found.diameter:.3g} m; {found.diameter / 4:.2g} m is fine enough"
         )
-    ends = {axis: _range(snapshot, frame, axis) for axis in "xyz"}
+    ends = {axis: _range(found, frame, axis) for axis in "xyz"}
     lengths = [ends[axis][1] - ends[axis][0] for axis in ("xz" if frame.plane == "xz" else "xyz")]
     if frame.plane == "rz":
-        reach = float((np.hypot(snapshot.position[:, 0], snapshot.position[:, 1]) + snapshot.radius).max())
-        lengths = [reach, lengths[2]]
+        lengths = [found.reach, lengths[2]]
     _check_memory(np.ceil(np.array(lengths) / frame.cell), segments)
     if frame.plane == "rz":
-        return Grid.covering(reach, *ends["z"], frame.cell)
+        return Grid.covering(found.reach, *ends["z"], frame.cell)
     flat = frame.plane == "xz"
     return Box.within(ends["x"], ends["y"], ends["z"], frame.cell, flat, cut=not flat or frame.y is not None)
 
 
-def _range(snapshot: Snapshot, frame: Frame, axis: str) -> Range:
-    """The range asked for along an axis, or that of the particles within the box."""
+def _range(found: Survey, frame: Frame, axis: str) -> Range:
+    """The range asked for along an axis, or that of the particles."""
     given: Range | None = getattr(frame, axis)
-    if given is not None:
-        if not given[0] < given[1]:
-            raise DataError(f"--{axis} {given[0]:g} {given[1]:g}: give the lower end first")
-        return given
     number = "xyz".index(axis)
-    place, radius, (low, high) = snapshot.position[:, number], snapshot.radius, snapshot.box[number]
-    return max(float((place - radius).min()), float(low)), min(float((place + radius).max()), float(high))
+    if given is None:
+        return float(found.low[number]), float(found.high[number])
+    if not given[0] < given[1]:
+        raise DataError(f"--{axis} {given[0]:g} {given[1]:g}: give the lower end first")
+    if given[0] >= found.high[number] or given[1] <= found.low[number]:
+        raise DataError(
+            f"--{axis} {given[0]:g} {given[1]:g}: no particles there; they fill {found.low[number]:g} … "
+            f"{found.high[number]:g} m"
+        )
+    return given
 
 
 def _check_memory(cells: Array, segments: int) -> None:

@@ -1,59 +1,72 @@
 """`granpipe homogenize`: dumps that a user already has, averaged into a field without a DEM run.
 
-On rings about an axis, in the plane x–z of a vessel that is alike all along y, or in space.
+On rings about an axis, in the plane x–z of a vessel that is alike all along y, or in space. The dumps are read twice:
+first to see how far the particles reach and whether they can be followed, then to average them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from granpipe.case.schema import Case
-from granpipe.dem.dump import read_dumps
 from granpipe.dem.sizes import size_classes
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
-from granpipe.field import Box, Field, Grid, level_flow
+from granpipe.field import Box, Field, Grid, Mask, level_flow
 from granpipe.geometry.outline import Outline
+from granpipe.geometry.polyline import enclosed
 from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard_errors
 from granpipe.homogenize.average import Collector, Extra, Sums, merge
+from granpipe.homogenize.conserve import gathered_flow
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.pipeline.averages import averaged_field
-from granpipe.pipeline.dump_grid import Frame, grid_round
+from granpipe.pipeline.averages import AveragedField, averaged_field
+from granpipe.pipeline.dump_checks import (
+    check_outside,
+    check_packing,
+    frame_gates,
+    held_solids,
+    packing_gate,
+    solids_gate,
+    time_gate,
+)
+from granpipe.pipeline.dump_grid import grid_round
+from granpipe.pipeline.dump_survey import JUMP, Survey, survey
+from granpipe.pipeline.dump_window import Request, window
 from granpipe.pipeline.extra_fields import ExtraSums, with_derived
-from granpipe.system.store import publishing
+from granpipe.pipeline.gates import Gate, level_flow_gates
 
-_SEGMENTS = 20
+_SEGMENTS = 40
 _MOST_THROUGH_SIDES = 0.01  # of the flow
-_LONGEST_TRAVEL = 1.0  # Sauter diameters between snapshots, for most particles: paths are taken as straight
-_MOST = 0.9
-_PAIRS = 5  # of snapshots, before their travel is judged: motion may come in bursts
-
-
-@dataclass(frozen=True)
-class Request:
-    """What is to be averaged; times in s. `columns` name those of binary dumps not granpipe's own."""
-
-    dumps: tuple[Path, ...]
-    frame: Frame
-    time_step: float
-    columns: tuple[str, ...] | None = None
-    start: float = -np.inf
-    stop: float = np.inf
+_CHANGE = 0.05  # of the solids, during the average
 
 
 @dataclass(frozen=True)
 class Homogenized:
-    """A field, and in words how the flow was sampled and what was made of the average, with reasons."""
+    """A field, and how it was made.
+
+    sampling : how the flow was sampled, with the reason
+    method : what was made of the average, with the reason
+    gates : measured figures with limits
+    notes : what the user should keep in mind
+    figures : more figures
+    """
 
     field: Field
     sampling: str
     method: str
+    gates: tuple[Gate, ...]
+    notes: tuple[str, ...]
+    figures: dict[str, Any]
+
+    @property
+    def failed(self) -> list[Gate]:
+        """Gates that mark the field."""
+        return [gate for gate in self.gates if not gate.passed]
 
 
 def homogenize_files(request: Request, case: Case | None) -> Homogenized:
@@ -65,25 +78,66 @@ def homogenize_files(request: Request, case: Case | None) -> Homogenized:
     Parameters
     ----------
     case : tells outline, method and flow rate of a vessel of revolution
+
+    Raises
+    ------
+    DataError : dumps that cannot be read, hold what cannot be, or do not fit the case or the frame
     """
-    first = next(iter(read_dumps(request.dumps, request.columns)), None)
-    if first is None or len(first) == 0:
-        raise DataError(f"{request.dumps[0]}: no particles")
-    diameter = _sauter_diameter(first)
-    if case is None:
-        grid = grid_round(first, request.frame, diameter, 2 * _most_segments(request))
-        parts, sampling = _sampled(request, grid, diameter)
-        field, method = _plain(parts, diameter)
-        return Homogenized(field, sampling, method)
-    if request.frame.plane != "rz":
-        raise DataError(f"a case describes a vessel of revolution: leave out --plane {request.frame.plane} or --case")
+    frame = request.frame
+    if frame.plane == "rz" and (frame.x is not None or frame.y is not None):
+        raise DataError("rings have no range of x or y: leave out --x and --y, or choose --plane xz or xyz")
+    return _on_grid(request) if case is None else _in_vessel(request, case)
+
+
+def _on_grid(request: Request) -> Homogenized:
+    """Without a case."""
+    found = survey(request, request.frame.z)
+    frame_marks = frame_gates(found, request.frame)
+    grid = grid_round(found, request.frame, _most_segments(request))
+    collector, parts = _averaged(request, grid, found)
+    sums = merge(parts)
+    densest = check_packing(sums, np.ones(grid.shape), found.diameter)
+    field, method = _plain(parts, found.diameter)
+    gates = [*frame_marks, *time_gate(found), *solids_gate(found, held_solids(field), request.frame)]
+    return _told(field, method, [*gates, packing_gate(field)], found, collector, {"largest_packing": densest})
+
+
+def _in_vessel(request: Request, case: Case) -> Homogenized:
+    """On the outline of a case."""
+    frame = request.frame
+    if frame.plane != "rz":
+        raise DataError(f"a case describes a vessel of revolution: leave out --plane {frame.plane} or --case")
+    if frame.z is not None:
+        raise DataError("the outline of the case gives the range of z: leave out --z or --case")
     outline = Outline.from_case(case)
-    grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, request.frame.cell)
-    extra = _extra_sums(case, outline)
-    parts, sampling = _sampled(request, grid, diameter, extra.extras)
-    field = averaged_field(case, outline, parts, diameter).field
-    field = replace(field, extra=extra.arrays(parts, field.inside_fraction))
-    return Homogenized(with_derived(field, case.homogenize.fields)[0], sampling, case.homogenize.method)
+    grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, frame.cell)
+    summed = _extra_sums(case, outline)
+    found = survey(request, (outline.z_bottom, outline.z_top), _inside(outline))
+    frame_marks = frame_gates(found, frame)
+    outside = check_outside(found)
+    collector, parts = _averaged(request, grid, found, summed.extras)
+    sums = merge(parts)
+    densest = check_packing(sums, outline.inside_fraction(grid), found.diameter)
+    averaged = averaged_field(case, outline, parts, found.diameter)
+    field = replace(averaged.field, extra=summed.arrays(parts, averaged.field.inside_fraction))
+    field, derived = with_derived(field, case.homogenize.fields)
+    gates = [*frame_marks, *time_gate(found), *_flow_gates(averaged, sums)]
+    gates += [*solids_gate(found, held_solids(field), frame), packing_gate(field)]
+    figures = averaged.figures | derived | {"largest_packing": densest, "solids_outside_the_walls": outside}
+    return _told(field, case.homogenize.method, gates, found, collector, figures)
+
+
+def _inside(outline: Outline) -> Callable[[Snapshot], Mask]:
+    """Tells which particles are centred between axis, wall and obstacles."""
+    pairs = [(outline.wall[:-1], outline.wall[1:])]
+    pairs += [(polygon, np.roll(polygon, -1, axis=0)) for polygon in outline.obstacles.values()]
+    edges = np.concatenate([np.stack(pair, axis=1) for pair in pairs])
+
+    def inside(snapshot: Snapshot) -> Mask:
+        x, y, z = snapshot.position.T
+        return enclosed(np.column_stack([np.hypot(x, y), z]), edges)
+
+    return inside
 
 
 def _extra_sums(case: Case, outline: Outline) -> ExtraSums:
@@ -92,6 +146,12 @@ def _extra_sums(case: Case, outline: Outline) -> ExtraSums:
         raise DataError("dumps of particles hold no forces: take wall_pressure out of homogenize.fields")
     classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
     return ExtraSums(case.homogenize.fields, outline, classes)
+
+
+def _flow_gates(averaged: AveragedField, sums: Sums) -> list[Gate]:
+    plug = averaged.plug
+    raw_flow = level_flow(sums.mean_flux[1], sums.grid)
+    return level_flow_gates(raw_flow, gathered_flow(sums, plug.z_range), plug.solids_flow)
 
 
 def _plain(parts: list[Sums], diameter: float) -> tuple[Field, str]:
@@ -118,139 +178,63 @@ def _check_closed(sums: Sums) -> None:
 
 
 def _most_segments(request: Request) -> int:
-    """Half the number of segments that are held; each is a grid in space."""
-    return LEAST_BLOCKS if request.frame.plane == "xyz" else _SEGMENTS
+    """How many segments are held at once; each is a grid in space."""
+    return 2 * LEAST_BLOCKS if request.frame.plane == "xyz" else _SEGMENTS
 
 
-def _sampled(request: Request, grid: Grid, diameter: float, extras: Sequence[Extra] = ()) -> tuple[list[Sums], str]:
-    """Segments sampled by displacement, or by velocity from the first pair of snapshots on that does not allow it."""
-    try:
-        collector = Collector(grid, "displacement", extras=extras)
-        return _segments(request, collector, diameter), "displacement between snapshots"
-    except _NoPathsError as error:
-        collector = Collector(grid, "velocity", extras=extras)
-        return _segments(request, collector, diameter), f"velocities in the snapshots: {error}"
-
-
-class _NoPathsError(Exception):
-    """Why particles cannot be followed from one snapshot to the next."""
-
-
-def _segments(request: Request, collector: Collector, diameter: float) -> list[Sums]:
-    """The dumps between start and stop in segments of equal numbers of samples, at most twice `_most_segments`."""
-    parts, length, count = [], 1, 0
-    by_path = collector.sampling == "displacement"
-    through_depth = isinstance(collector.grid, Box) and not collector.grid.cut  # then y does not matter
-    axes = [0, 2] if through_depth else [0, 1, 2]
-    last: Snapshot | None = None
-    travel: list[float] = []
-    for time, snapshot in _chosen(request):
-        if by_path:
-            travel += _travel(last, snapshot, axes)
-            if len(travel) >= _PAIRS:
-                _check_travel(travel, diameter)
-        collector.add(time, snapshot)
-        count += 1 if last is not None or not by_path else 0
-        last = snapshot
+def _averaged(
+    request: Request, grid: Grid, found: Survey, extras: Sequence[Extra] = ()
+) -> tuple[Collector, list[Sums]]:
+    """The dumps in segments of equal numbers of samples."""
+    by_path = not found.unfollowed
+    jump = JUMP * found.diameter if by_path else None
+    collector = Collector(grid, "displacement" if by_path else "velocity", jump=jump, extras=extras)
+    samples = len(found.times) - by_path
+    length = -(-samples // _most_segments(request))
+    parts: list[Sums] = []
+    count = -1 if by_path else 0
+    for time, snapshot in window(request):
+        if not len(snapshot):
+            continue
+        at_rest = {} if found.has_velocities else dict.fromkeys(("vx", "vy", "vz"), 0.0)
+        collector.add(time, snapshot.having(**at_rest) if at_rest else snapshot)
+        count += 1
         if count == length:
             parts.append(collector.take())
             count = 0
-        if len(parts) == 2 * _most_segments(request):
-            parts = [merge(pair) for pair in zip(parts[::2], parts[1::2], strict=True)]
-            length *= 2
     if count:
         parts = [*parts[:-1], merge([*parts[-1:], collector.take()])]
-    if not parts:
-        raise _NoPathsError("there is only one")
-    if travel:
-        _check_travel(travel, diameter)
-    return parts
+    return collector, parts
 
 
-def _chosen(request: Request) -> Iterator[tuple[float, Snapshot]]:
-    """Time [s] and content of the snapshots between start and stop."""
-    first, last, found = np.inf, -np.inf, False
-    for snapshot in read_dumps(request.dumps, request.columns):
-        time = snapshot.step * request.time_step
-        first, last = min(first, time), time
-        if request.start <= time <= request.stop:
-            found = True
-            yield time, snapshot
-    if not found:
-        raise DataError(
-            f"the snapshots run from {first:g} to {last:g} s; none lies between --start {request.start:g} s and "
-            f"--stop {request.stop:g} s"
-        )
-
-
-def _travel(old: Snapshot | None, new: Snapshot, axes: list[int]) -> list[float]:
-    """How far most particles at most travel from the old snapshot to the new one [m]; nothing for the first one."""
-    if "id" not in new.columns:
-        raise _NoPathsError("the particles have no ids")
-    number = new.id
-    if len(np.unique(number)) != len(number):
-        raise _NoPathsError(f"ids occur twice at step {new.step}")
-    if old is None:
-        return []
-    _, at_old, at_new = np.intersect1d(old.id, number, return_indices=True)
-    if not len(at_old):
-        raise _NoPathsError(f"steps {old.step} and {new.step} have no particle in common")
-    path = np.abs(new.position[at_new] - old.position[at_old])[:, axes]
-    if (path > 0.5 * np.diff(new.box[axes], axis=1).T).any():
-        raise _NoPathsError(f"particles leave on one side of the box and come back on the other at step {new.step}")
-    return [float(np.quantile(np.linalg.norm(path, axis=1), _MOST))]
-
-
-def _check_travel(travel: list[float], diameter: float) -> None:
-    """Refuse paths that are too long, in the mean over pairs of snapshots, to be taken as straight."""
-    mean = float(np.mean(travel)) / diameter
-    if mean > _LONGEST_TRAVEL:
-        raise _NoPathsError(
-            f"{_MOST:.0%} of the particles travel up to {mean:.2g} diameters between two of them, of which "
-            f"{_LONGEST_TRAVEL:g} is the most; dump more often"
-        )
-
-
-def write_field(field: Field, case: Case | None, folder: Path) -> None:
-    """Write ``field.npz``, a file for ParaView and, but for rings without a case, text files for COMSOL."""
-    if folder.exists():
-        raise DataError(f"{folder} exists already; give --out a new folder")
-    with publishing(folder) as aside:
-        field.save(aside / "field.npz")
-        if len(field.grid.shape) == 3:
-            write_space(field, aside)
-        else:
-            write_plane(field, case, aside)
-
-
-def write_plane(field: Field, case: Case | None, folder: Path) -> None:
-    """Write the files of a field on rings or in the plane x–z."""
-    from granpipe.export.comsol import write_interpolation
-    from granpipe.export.nodes import nodal_values
-    from granpipe.export.tables import write_tables
-    from granpipe.export.vtk import write_vtu
-    from granpipe.pipeline.results import write_comsol_folder
-
-    write_vtu(field, folder / "field.vtu")
-    write_tables(field, folder)
-    if case is not None:
-        write_comsol_folder(field, case, folder)
-    elif not field.grid.axial:
-        (folder / "comsol").mkdir()
-        write_interpolation(
-            nodal_values(field), folder / "comsol", name="homogenized", date=datetime.now().astimezone()
-        )
-
-
-def write_space(field: Field, folder: Path) -> None:
-    """Write the files of a field in space."""
-    from granpipe.export.space import write_text, write_vtr
-
-    write_vtr(field, folder / "field.vtr")
-    (folder / "comsol").mkdir()
-    write_text(field, folder / "comsol", name="homogenized", date=datetime.now().astimezone())
-
-
-def _sauter_diameter(snapshot: Snapshot) -> float:
-    radius = snapshot.radius
-    return float(2 * (radius**3).sum() / (radius**2).sum())
+def _told(
+    field: Field, method: str, gates: list[Gate], found: Survey, collector: Collector, figures: dict[str, Any]
+) -> Homogenized:
+    """The result with its figures and notes."""
+    first, last = found.solids_within[0], found.solids_within[-1]
+    total, within, held = found.mean(found.solids), found.mean(found.solids_within), held_solids(field)
+    notes = []
+    if found.empty:
+        notes.append(f"{len(found.empty)} snapshots without particles are left out (first at step {found.empty[0]})")
+    if abs(last - first) > _CHANGE * max(first, last):
+        notes.append(f"the solids change from {first:.3g} to {last:.3g} m³ during the average (--start, --stop)")
+    if total - held > 1e-6 * total:
+        notes.append(f"{1 - held / total:.2%} of the solids lie outside the field")
+    if collector.jumps:
+        notes.append(f"{collector.jumps} jumps farther than particles move are taken as leaving and entering")
+    figures = figures | {
+        "snapshots": len(found.times),
+        "averaged_from_s": found.times[0],
+        "averaged_to_s": found.times[-1],
+        "particles": found.particles,
+        "sauter_diameter_m": found.diameter,
+        "solids_m3": total,
+        "solids_between_the_levels_m3": within,
+        "solids_in_the_field_m3": held,
+        "bulk_packing": field.bulk_packing,
+        "jumps": collector.jumps,
+        "empty_snapshots": len(found.empty),
+    }
+    reason = found.unfollowed
+    sampling = f"velocities in the snapshots: {reason}" if reason else "displacement between snapshots"
+    return Homogenized(field, sampling, method, tuple(gates), tuple(notes), figures)

@@ -10,25 +10,30 @@ from fakes.plane_flow import PlaneFlow
 import granpipe.pipeline.dump_grid as module
 from granpipe.case.reader import load_case
 from granpipe.cli import main
-from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.field import Box
-from granpipe.pipeline.dump_grid import Frame, grid_round
-from granpipe.pipeline.dumps import Request, homogenize_files
+from granpipe.pipeline.dump_grid import grid_round
+from granpipe.pipeline.dump_survey import Survey
+from granpipe.pipeline.dump_window import Frame, Request
+from granpipe.pipeline.dumps import homogenize_files
 
 BOX = np.array([[-1.0, 1.0], [0.0, 0.2], [-5.0, 5.0]])
 
 
-def snapshot(*centres: tuple[float, float, float], radius: float = 0.02) -> Snapshot:
-    columns = ("x", "y", "z", "radius")
-    return Snapshot(0, BOX, columns, np.array([[*centre, radius] for centre in centres]))
+def survey(*centres: tuple[float, float, float], radius: float = 0.02) -> Survey:
+    """What is found of some spheres in the box."""
+    place = np.array(centres)
+    found = Survey(times=[0.0], solids=[4 / 3 * np.pi * radius**3], surface=4 * np.pi * radius**2)
+    found.low = np.maximum(place.min(axis=0) - radius, BOX[:, 0])
+    found.high = np.minimum(place.max(axis=0) + radius, BOX[:, 1])
+    return found
 
 
-CLOUD = snapshot((0.1, 0.01, 0.3), (0.4, 0.19, 0.9), (0.2, 0.1, 0.5))
+CLOUD = survey((0.1, 0.01, 0.3), (0.4, 0.19, 0.9), (0.2, 0.1, 0.5))
 
 
 def test_ranges_are_those_of_the_particles_within_the_box() -> None:
-    grid = grid_round(CLOUD, Frame("xyz", 0.01), 0.04, 14)
+    grid = grid_round(CLOUD, Frame("xyz", 0.01), 14)
     assert isinstance(grid, Box)
     assert grid.r_edges[[0, -1]] == pytest.approx([0.08, 0.42])
     assert grid.y_edges[[0, -1]] == pytest.approx([0.0, 0.2])  # the box cuts particles there
@@ -37,8 +42,8 @@ def test_ranges_are_those_of_the_particles_within_the_box() -> None:
 
 
 def test_particles_are_cut_at_the_ends_of_a_depth_that_is_given_only() -> None:
-    whole = grid_round(CLOUD, Frame("xz", 0.01), 0.04, 40)
-    given = grid_round(CLOUD, Frame("xz", 0.01, y=(0.05, 0.15)), 0.04, 40)
+    whole = grid_round(CLOUD, Frame("xz", 0.01), 40)
+    given = grid_round(CLOUD, Frame("xz", 0.01, y=(0.05, 0.15)), 40)
     assert isinstance(whole, Box)
     assert isinstance(given, Box)
     assert (whole.cut, given.cut) == (False, True)
@@ -48,10 +53,10 @@ def test_particles_are_cut_at_the_ends_of_a_depth_that_is_given_only() -> None:
 
 def test_a_grid_that_does_not_fit_into_memory_is_refused_with_its_size(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_free_memory", lambda: 1e9)
-    wide = snapshot((-0.9, 0.02, -4), (0.9, 0.18, 4))
+    wide = survey((-0.9, 0.02, -4), (0.9, 0.18, 4))
     with pytest.raises(DataError, match=r"184 × 20 × 804 cells takes 2\.7 GB .* 1 GB are free; make --cell 1\.4 times"):
-        grid_round(wide, Frame("xyz", 0.01), 0.04, 14)
-    assert grid_round(wide, Frame("xyz", 0.015), 0.04, 14).shape[0] == 536
+        grid_round(wide, Frame("xyz", 0.01), 14)
+    assert grid_round(wide, Frame("xyz", 0.015), 14).shape[0] == 536
 
 
 def test_the_free_memory_of_this_machine_is_known() -> None:
@@ -67,7 +72,7 @@ def test_the_free_memory_of_this_machine_is_known() -> None:
 )
 def test_senseless_frames_are_refused(frame: Frame, message: str) -> None:
     with pytest.raises(DataError, match=message):
-        grid_round(CLOUD, frame, 0.04, 14)
+        grid_round(CLOUD, frame, 14)
 
 
 def test_a_case_goes_with_rings_only(tmp_path: Path) -> None:

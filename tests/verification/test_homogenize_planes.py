@@ -12,8 +12,9 @@ from granpipe.field import Box, Field, divergence, flux_from_psi, level_flow
 from granpipe.homogenize.assemble import raw_field, unguided_plug
 from granpipe.homogenize.average import Collector
 from granpipe.homogenize.psi_fit import AXIS, WALL, PsiFit, Weights, node_roles
-from granpipe.pipeline.dump_grid import Frame
-from granpipe.pipeline.dumps import Homogenized, Request, homogenize_files, write_field
+from granpipe.pipeline.dump_files import write_homogenized
+from granpipe.pipeline.dump_window import Frame, Request
+from granpipe.pipeline.dumps import Homogenized, homogenize_files
 
 SIDE, TALL = (0.0, 0.4), (0.0, 0.5)
 PLANE = Box.within(SIDE, (0.0, 0.2), TALL, 0.02, flat=True, cut=False)
@@ -213,8 +214,9 @@ def test_in_space_the_flow_through_every_level_and_its_balance_are_kept(dumps):
 
 @pytest.mark.parametrize("frame", [{}, {"plane": "xyz", "cell": 0.1}], ids=["plane", "space"])
 def test_files_hold_the_field(dumps, tmp_path, frame):
-    field = averaged(dumps, **frame).field
-    write_field(field, None, tmp_path / "out")
+    made = averaged(dumps, **frame)
+    field = made.field
+    write_homogenized(made, None, tmp_path / "out")
     loaded = Field.load(tmp_path / "out" / "field.npz")
     assert isinstance(loaded.grid, Box)
     assert np.array_equal(loaded.flux_r, field.flux_r)

@@ -1,0 +1,152 @@
+"""What is measured on dumps that a user brings, and what of it is refused or marks the field."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from granpipe.errors import DataError
+from granpipe.field import Array, Box, Field
+from granpipe.homogenize.average import Sums
+from granpipe.pipeline.dump_survey import Survey
+from granpipe.pipeline.dump_window import Frame
+from granpipe.pipeline.gates import PACKING_RANGE, Gate
+
+MOST_OUTSIDE = 0.01
+"""Share of the solids between the vessel's levels that may be centred outside its walls."""
+
+LACK = (-0.05, 0.01)
+"""Share of the solids between the field's levels that the field may lack; particles that leave and enter are followed
+beyond where they do, and count there too."""
+
+MOST_PACKING = 0.75
+"""No spheres of nearly one size pack more densely than 0.74."""
+
+TIME_RATIO = (0.5, 2.0)
+"""Displacement over what the velocities in the snapshots say: snapshots of motion in bursts agree to a fifth."""
+
+_OFF_AXIS = (0.05, 0.5)  # of half the bed's width, and Sauter diameters
+_CLEAR = 0.3  # net motion over the sum of all motion: a direction
+_WINDOW = 3.0  # Sauter diameters over which packing is judged
+
+
+def frame_gates(found: Survey, frame: Frame) -> list[Gate]:
+    """Whether the bed lies about the axis and sinks; refused unless the user says where axis and gravity are.
+
+    Raises
+    ------
+    DataError : it does not, and neither ``--axis`` nor ``--up`` is given
+    """
+    if frame.plane != "rz":
+        return []
+    gates = []
+    if found.momentum_size > 0:
+        share = found.momentum / found.momentum_size
+        name = "xyz"[int(np.argmax(np.abs(share)))]
+        largest = float(share["xyz".index(name)])
+        wrong = abs(largest) > _CLEAR and (name != "z" or largest > 0)
+        if wrong and frame.up is None:
+            raise DataError(
+                f"the particles move along {'-' if largest < 0 else ''}{name}, not along -z: if gravity is along it, "
+                f"give --up {'' if largest < 0 else '-'}{name}; if all is well, --up z"
+            )
+        gates.append(Gate("net motion upwards or sidewise over all motion", abs(largest) if wrong else 0.0,
+                          f"at most {_CLEAR:g}", not wrong))  # fmt: skip
+    if found.edges:
+        edges = np.mean(found.edges, axis=0)
+        middle, half = edges.mean(axis=1), float(np.ptp(edges, axis=1).max()) / 2
+        limit = max(_OFF_AXIS[0] * half, _OFF_AXIS[1] * found.diameter)
+        off = float(np.hypot(*middle))
+        if off > limit and frame.axis is None:
+            raise DataError(
+                f"the particles lie about x = {middle[0]:.3g} m, y = {middle[1]:.3g} m, not about x = y = 0: if "
+                f"the axis of the vessel stands there, give --axis {middle[0]:.3g},{middle[1]:.3g}; if gravity is not "
+                "along -z, --up; if it is no vessel of revolution, --plane xz or xyz; if all is well, --axis 0,0"
+            )
+        gates.append(Gate("distance of the bed's middle from the axis [m]", off, f"at most {limit:.3g}", off <= limit))
+    return gates
+
+
+def check_outside(found: Survey) -> float:
+    """Share of the solids between the vessel's levels that is centred outside its walls.
+
+    Raises
+    ------
+    DataError : more than 1 %
+    """
+    total = sum(found.solids_within)
+    if total <= 0:
+        raise DataError(
+            f"no particles between the top and the bottom of the case's outline; they lie at z = {found.low[2]:.3g} … "
+            f"{found.high[2]:.3g} m: are both in the same unit and place? (--up)"
+        )
+    share = sum(found.outside) / total
+    if share > MOST_OUTSIDE:
+        raise DataError(
+            f"{share:.1%} of the solids lie outside the walls of the case, of which {MOST_OUTSIDE:.0%} are allowed: "
+            "the outline is another vessel's or in another unit, or the axis (--axis) or gravity (--up) is elsewhere"
+        )
+    return share
+
+
+def check_packing(sums: Sums, inside_fraction: Array, diameter: float) -> float:
+    """Largest packing over three diameters.
+
+    Raises
+    ------
+    DataError : denser than spheres pack
+    """
+    width = max(1, round(_WINDOW * diameter / sums.grid.cell))
+    whole = np.broadcast_to(sums.grid.cell_volume, sums.grid.shape)
+    solids, room, all_room = (
+        ndimage.uniform_filter(array, width, mode="constant")
+        for array in (sums.mean_volume, inside_fraction * whole, np.array(whole))
+    )
+    seen = np.divide(solids, room, out=np.zeros_like(room), where=room > 0.5 * all_room)
+    densest = float(seen.max())
+    if densest > MOST_PACKING:
+        at = np.unravel_index(int(seen.argmax()), seen.shape)
+        raise DataError(
+            f"a packing of {densest:.3g} at {_place(sums, at)}, over {_WINDOW:g} diameters: spheres do not pack more "
+            f"densely than {MOST_PACKING:g}; wrong radii, particles counted twice, or too soft ones"
+        )
+    return densest
+
+
+def _place(sums: Sums, at: tuple[np.intp, ...]) -> str:
+    grid = sums.grid
+    sideways = "x" if isinstance(grid, Box) else "r"
+    return f"{sideways} = {grid.r_centres[at[-1]]:.3g} m, z = {grid.z_centres[at[0]]:.3g} m"
+
+
+def solids_gate(found: Survey, held: float, frame: Frame) -> list[Gate]:
+    """Solids in the field [m³] against those in the dumps between its levels; of ranges of x or y the user's word."""
+    if frame.x is not None or frame.y is not None:
+        return []
+    lost = 1 - held / found.mean(found.solids_within)
+    low, high = LACK
+    return [Gate("share of the solids that the field lacks", lost, f"{low:g} to {high:g}", low <= lost <= high)]
+
+
+def time_gate(found: Survey) -> list[Gate]:
+    """Displacements against velocities, where there is a clear direction: a wrong time step shows."""
+    if found.unfollowed or np.linalg.norm(found.momentum) <= _CLEAR * found.momentum_size:
+        return []
+    along = found.momentum / np.linalg.norm(found.momentum)
+    ratio = float(found.travelled @ along / (found.explained @ along))
+    low, high = TIME_RATIO
+    limit = f"{low:g} to {high:g}; is --time-step right?"
+    return [Gate("displacement over velocity times time between snapshots", ratio, limit, low <= ratio <= high)]
+
+
+def packing_gate(field: Field) -> Gate:
+    """The packing by which velocities of the bulk are reckoned."""
+    low, high = PACKING_RANGE
+    held = low <= field.bulk_packing <= high
+    return Gate("packing of the bulk", field.bulk_packing, f"{low:g} to {high:g}", held)
+
+
+def held_solids(field: Field) -> float:
+    """Solids in a field [m³]."""
+    assert field.packing_fraction is not None
+    return float((field.packing_fraction * field.inside_fraction * field.grid.cell_volume).sum())

@@ -1,0 +1,71 @@
+"""Writes what `granpipe homogenize` makes."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+
+from granpipe import __version__
+from granpipe.case.schema import Case
+from granpipe.errors import DataError
+from granpipe.field import Field
+from granpipe.pipeline.dumps import Homogenized
+from granpipe.system.jsonfile import write_json
+from granpipe.system.store import publishing
+
+
+def write_homogenized(made: Homogenized, case: Case | None, folder: Path) -> None:
+    """Write ``field.npz``, ``provenance.json`` with all that was measured, a file for ParaView and, but for rings
+    without a case, text files for COMSOL.
+
+    Raises
+    ------
+    DataError : the folder exists
+    """
+    if folder.exists():
+        raise DataError(f"{folder} exists already; give --out a new folder")
+    with publishing(folder) as aside:
+        made.field.save(aside / "field.npz")
+        if len(made.field.grid.shape) == 3:
+            _write_space(made.field, aside)
+        else:
+            _write_plane(made.field, case, aside)
+        provenance = {
+            "made": datetime.now().astimezone().isoformat(timespec="seconds"),
+            "granpipe": __version__,
+            "case": None if case is None else case.name,
+            "sampling": made.sampling,
+            "method": made.method,
+            "figures": made.figures,
+            "quality": [gate.as_dict() for gate in made.gates],
+            "notes": made.notes,
+        }
+        write_json(aside / "provenance.json", provenance)
+
+
+def _write_plane(field: Field, case: Case | None, folder: Path) -> None:
+    """Write the files of a field on rings or in the plane x–z."""
+    from granpipe.export.comsol import write_interpolation
+    from granpipe.export.nodes import nodal_values
+    from granpipe.export.tables import write_tables
+    from granpipe.export.vtk import write_vtu
+    from granpipe.pipeline.results import write_comsol_folder
+
+    write_vtu(field, folder / "field.vtu")
+    write_tables(field, folder)
+    if case is not None:
+        write_comsol_folder(field, case, folder)
+    elif not field.grid.axial:
+        (folder / "comsol").mkdir()
+        write_interpolation(
+            nodal_values(field), folder / "comsol", name="homogenized", date=datetime.now().astimezone()
+        )
+
+
+def _write_space(field: Field, folder: Path) -> None:
+    """Write the files of a field in space."""
+    from granpipe.export.space import write_text, write_vtr
+
+    write_vtr(field, folder / "field.vtr")
+    (folder / "comsol").mkdir()
+    write_text(field, folder / "comsol", name="homogenized", date=datetime.now().astimezone())
