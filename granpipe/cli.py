@@ -312,9 +312,15 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
 @click.option("--z", nargs=2, type=_Quantity("length"), help="Range of z.")
 @click.option("--time-step", required=True, type=_Quantity("time", positive=True),
               help="Time step of the simulation, to convert step numbers to times.")  # fmt: skip
-@click.option("--up", type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]), help="Direction against gravity; default: z.")
-@click.option("--axis", type=_Place(), metavar="X,Y", help="Place of the axis in the other two directions; default: 0,0.")
-@click.option("--radius", type=_Quantity("length", positive=True), help="Radius of all particles, if the dumps lack it.")
+@click.option(
+    "--up", type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]), help="Direction against gravity; default: z."
+)
+@click.option(
+    "--axis", type=_Place(), metavar="X,Y", help="Place of the axis in the other two directions; default: 0,0."
+)
+@click.option(
+    "--radius", type=_Quantity("length", positive=True), help="Radius of all particles, if the dumps lack it."
+)
 @click.option("--columns", help="Column names of binary dumps, comma-separated; default: those of granpipe's decks.")
 @click.option("--start", type=_Quantity("time"), help="Time at which the average begins.")
 @click.option("--stop", type=_Quantity("time"), help="Time at which the average ends.")
@@ -328,9 +334,10 @@ def homogenize(
 ) -> None:  # fmt: skip
     """Average DUMPS of your own LIGGGHTS run into a field.
 
-    DUMPS are binary, text, gzipped or VTK dump files. With --case the field is made to conserve volume inside the case's
-    outline. Without it the field is the plain average on a grid around the particles; in the plane x-z it is made to
-    conserve volume as well. Ranges are in the directions that --up and --axis make: z up, the axis at x = y = 0.
+    DUMPS are binary, text, gzipped or VTK dump files. With --case the field is made to conserve volume inside the
+    case's outline. Without it the field is the plain average on a grid around the particles; in the plane x-z it is
+    made to conserve volume as well. Ranges are in the directions that --up and --axis make: z up, the axis at
+    x = y = 0.
     """
     from granpipe.pipeline.dump_files import write_homogenized
     from granpipe.pipeline.dump_window import Frame, Request

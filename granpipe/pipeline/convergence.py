@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
+from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import level_flow
 from granpipe.homogenize.average import Sums, merge
@@ -74,9 +75,9 @@ class RunningAverage:
         return self.convergence.reached
 
 
-def average_gates(plan: Plan, averaged: AveragedField, steady: Sums) -> list[Gate]:
+def average_gates(case: Case, averaged: AveragedField, steady: Sums) -> list[Gate]:
     """The gates that a longer average can pass."""
-    field, plug, target = averaged.field, averaged.plug, plan.case.dem.statistical_error
+    field, plug, target = averaged.field, averaged.plug, case.dem.statistical_error
     assert field.raw_flux_z is not None
     gates = level_flow_gates(
         level_flow(field.raw_flux_z, field.grid), gathered_flow(steady, plug.z_range), plug.solids_flow
@@ -107,6 +108,6 @@ class StatisticalErrorCriterion:
         if target is None or not errors:
             return Convergence(errors)
         whole = merge(steady)
-        reached = all(gate.passed for gate in average_gates(plan, averaged, whole))
+        reached = all(gate.passed for gate in average_gates(plan.case, averaged, whole))
         effective = averaged.figures["effective_blocks"]
         return Convergence(errors, reached, missing_time(errors, effective, target, whole.duration))

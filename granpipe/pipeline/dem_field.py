@@ -56,7 +56,7 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
     return ModelResult(
         field=field,
         gates=(
-            *average_gates(plan, averaged, merge(steady)),
+            *average_gates(plan.case, averaged, merge(steady)),
             *(_size_gate(bed) for bed in settled),
             *(limit.gate(settled[0]["overlap"][name]) for limit, name in zip(OVERLAPS, ("mean", "p99"), strict=True)),
             PACKING.gate(averaged.plug.packing),

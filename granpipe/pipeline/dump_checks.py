@@ -10,24 +10,54 @@ from granpipe.field import Array, Box, Field
 from granpipe.homogenize.average import Sums
 from granpipe.pipeline.dump_survey import Survey
 from granpipe.pipeline.dump_window import Frame
-from granpipe.pipeline.gates import PACKING_RANGE, Gate
+from granpipe.pipeline.gates import Gate, Limit
 
 MOST_OUTSIDE = 0.01
 """Share of the solids between the vessel's levels that may be centred outside its walls."""
 
-LACK = (-0.05, 0.01)
-"""Share of the solids between the field's levels that the field may lack; particles that leave and enter are followed
-beyond where they do, and count there too."""
-
 MOST_PACKING = 0.75
 """No spheres of nearly one size pack more densely than 0.74."""
 
-TIME_RATIO = (0.5, 2.0)
-"""Displacement over what the velocities in the snapshots say: snapshots of motion in bursts agree to a fifth."""
+_DUMPS = "dumps of others"
 
-_OFF_AXIS = (0.05, 0.5)  # of half the bed's width, and Sauter diameters
-_CLEAR = 0.3  # net motion over the sum of all motion: a direction
+OFF_AXIS = Limit(
+    "distance of the bed's middle from the axis, over half a diameter or 5 % of the bed's half width",
+    _DUMPS,
+    "Rings about another axis mix what flows with what does not. Refused where no axis is given.",
+    high=1,
+    remedy="--axis",
+)
+DIRECTION = Limit(
+    "net motion sidewise or upwards, over all motion",
+    _DUMPS,
+    "Solids sink in a vessel: gravity is along another direction. Refused where none is given.",
+    high=0.3,
+    percent=True,
+    remedy="--up",
+)
+TIME_RATIO = Limit(
+    "displacement over velocity times the time between snapshots",
+    _DUMPS,
+    "A wrong time step gives wrong velocities. Snapshots of motion in bursts agree to a fifth; measured where the "
+    "motion has a direction.",
+    low=0.5,
+    high=2,
+    remedy="--time-step",
+)
+LACK = Limit(
+    "share of the solids between the field's levels that the field lacks",
+    _DUMPS,
+    "What is in the dumps must be in the field. Particles that leave and enter are followed a little beyond where they "
+    "do, and count there too. Not where ranges of x or y are given.",
+    low=-0.05,
+    high=0.01,
+    percent=True,
+)
+DUMP_GATES = (OFF_AXIS, DIRECTION, TIME_RATIO, LACK)
+"""Every gate of dumps that a user brings, in the order of the page; those of an average come on top."""
+
 _WINDOW = 3.0  # Sauter diameters over which packing is judged
+_OFF = (0.05, 0.5)  # of the bed's half width, and Sauter diameters
 
 
 def frame_gates(found: Survey, frame: Frame) -> list[Gate]:
@@ -44,18 +74,17 @@ def frame_gates(found: Survey, frame: Frame) -> list[Gate]:
         share = found.momentum / found.momentum_size
         name = "xyz"[int(np.argmax(np.abs(share)))]
         largest = float(share["xyz".index(name)])
-        wrong = abs(largest) > _CLEAR and (name != "z" or largest > 0)
+        wrong = abs(largest) > DIRECTION.high and (name != "z" or largest > 0)
         if wrong and frame.up is None:
             raise DataError(
                 f"the particles move along {'-' if largest < 0 else ''}{name}, not along -z: if gravity is along it, "
                 f"give --up {'' if largest < 0 else '-'}{name}; if all is well, --up z"
             )
-        gates.append(Gate("net motion upwards or sidewise over all motion", abs(largest) if wrong else 0.0,
-                          f"at most {_CLEAR:g}", not wrong))  # fmt: skip
+        gates.append(DIRECTION.gate(abs(largest) if wrong else 0.0))
     if found.edges:
         edges = np.mean(found.edges, axis=0)
         middle, half = edges.mean(axis=1), float(np.ptp(edges, axis=1).max()) / 2
-        limit = max(_OFF_AXIS[0] * half, _OFF_AXIS[1] * found.diameter)
+        limit = max(_OFF[0] * half, _OFF[1] * found.diameter)
         off = float(np.hypot(*middle))
         if off > limit and frame.axis is None:
             raise DataError(
@@ -63,7 +92,7 @@ def frame_gates(found: Survey, frame: Frame) -> list[Gate]:
                 f"the axis of the vessel stands there, give --axis {middle[0]:.3g},{middle[1]:.3g}; if gravity is not "
                 "along -z, --up; if it is no vessel of revolution, --plane xz or xyz; if all is well, --axis 0,0"
             )
-        gates.append(Gate("distance of the bed's middle from the axis [m]", off, f"at most {limit:.3g}", off <= limit))
+        gates.append(OFF_AXIS.gate(off / limit))
     return gates
 
 
@@ -123,27 +152,16 @@ def solids_gate(found: Survey, held: float, frame: Frame) -> list[Gate]:
     """Solids in the field [m³] against those in the dumps between its levels; of ranges of x or y the user's word."""
     if frame.x is not None or frame.y is not None:
         return []
-    lost = 1 - held / found.mean(found.solids_within)
-    low, high = LACK
-    return [Gate("share of the solids that the field lacks", lost, f"{low:g} to {high:g}", low <= lost <= high)]
+    return [LACK.gate(1 - held / found.mean(found.solids_within))]
 
 
 def time_gate(found: Survey) -> list[Gate]:
     """Displacements against velocities, where there is a clear direction: a wrong time step shows."""
-    if found.unfollowed or np.linalg.norm(found.momentum) <= _CLEAR * found.momentum_size:
+    if found.unfollowed or np.linalg.norm(found.momentum) <= DIRECTION.high * found.momentum_size:
         return []
     along = found.momentum / np.linalg.norm(found.momentum)
     ratio = float(found.travelled @ along / (found.explained @ along))
-    low, high = TIME_RATIO
-    limit = f"{low:g} to {high:g}; is --time-step right?"
-    return [Gate("displacement over velocity times time between snapshots", ratio, limit, low <= ratio <= high)]
-
-
-def packing_gate(field: Field) -> Gate:
-    """The packing by which velocities of the bulk are reckoned."""
-    low, high = PACKING_RANGE
-    held = low <= field.bulk_packing <= high
-    return Gate("packing of the bulk", field.bulk_packing, f"{low:g} to {high:g}", held)
+    return [TIME_RATIO.gate(ratio)]
 
 
 def held_solids(field: Field) -> float:

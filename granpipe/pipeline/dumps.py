@@ -21,16 +21,16 @@ from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import enclosed
 from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard_errors
 from granpipe.homogenize.average import Collector, Extra, Sums, merge
-from granpipe.homogenize.conserve import gathered_flow
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.pipeline.averages import AveragedField, averaged_field
+from granpipe.pipeline.averages import AveragedField, averaged_field, smoothing_change
+from granpipe.pipeline.convergence import average_gates
+from granpipe.pipeline.dem_field import run_statistics
 from granpipe.pipeline.dump_checks import (
     check_outside,
     check_packing,
     frame_gates,
     held_solids,
-    packing_gate,
     solids_gate,
     time_gate,
 )
@@ -38,7 +38,7 @@ from granpipe.pipeline.dump_grid import grid_round
 from granpipe.pipeline.dump_survey import JUMP, Survey, survey
 from granpipe.pipeline.dump_window import Request, window
 from granpipe.pipeline.extra_fields import ExtraSums, with_derived
-from granpipe.pipeline.gates import Gate, level_flow_gates
+from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, lean_gate, run_notes, upward_gate
 
 _SEGMENTS = 40
 _MOST_THROUGH_SIDES = 0.01  # of the flow
@@ -95,11 +95,12 @@ def _on_grid(request: Request) -> Homogenized:
     frame_marks = frame_gates(found, request.frame)
     grid = grid_round(found, request.frame, _most_segments(request))
     collector, parts = _averaged(request, grid, found)
-    sums = merge(parts)
-    densest = check_packing(sums, np.ones(grid.shape), found.diameter)
+    densest = check_packing(merge(parts), np.ones(grid.shape), found.diameter)
     field, method = _plain(parts, found.diameter)
     gates = [*frame_marks, *time_gate(found), *solids_gate(found, held_solids(field), request.frame)]
-    return _told(field, method, [*gates, packing_gate(field)], found, collector, {"largest_packing": densest})
+    return _told(
+        field, method, [*gates, PACKING.gate(field.bulk_packing)], found, collector, {"largest_packing": densest}
+    )
 
 
 def _in_vessel(request: Request, case: Case) -> Homogenized:
@@ -116,14 +117,14 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     frame_marks = frame_gates(found, frame)
     outside = check_outside(found)
     collector, parts = _averaged(request, grid, found, summed.extras)
-    sums = merge(parts)
-    densest = check_packing(sums, outline.inside_fraction(grid), found.diameter)
+    densest = check_packing(merge(parts), outline.inside_fraction(grid), found.diameter)
     averaged = averaged_field(case, outline, parts, found.diameter)
     field = replace(averaged.field, extra=summed.arrays(parts, averaged.field.inside_fraction))
     field, derived = with_derived(field, case.homogenize.fields)
-    gates = [*frame_marks, *time_gate(found), *_flow_gates(averaged, sums)]
-    gates += [*solids_gate(found, held_solids(field), frame), packing_gate(field)]
-    figures = averaged.figures | derived | {"largest_packing": densest, "solids_outside_the_walls": outside}
+    figures = averaged.figures | derived | run_statistics(parts, case.outline.levels)
+    gates = [*frame_marks, *time_gate(found), *_average_gates(case, averaged, parts, found.diameter, figures)]
+    gates += [*solids_gate(found, held_solids(field), frame), PACKING.gate(field.bulk_packing)]
+    figures |= {"largest_packing": densest, "solids_outside_the_walls": outside}
     return _told(field, case.homogenize.method, gates, found, collector, figures)
 
 
@@ -148,10 +149,15 @@ def _extra_sums(case: Case, outline: Outline) -> ExtraSums:
     return ExtraSums(case.homogenize.fields, outline, classes)
 
 
-def _flow_gates(averaged: AveragedField, sums: Sums) -> list[Gate]:
-    plug = averaged.plug
-    raw_flow = level_flow(sums.mean_flux[1], sums.grid)
-    return level_flow_gates(raw_flow, gathered_flow(sums, plug.z_range), plug.solids_flow)
+def _average_gates(
+    case: Case, averaged: AveragedField, parts: list[Sums], diameter: float, figures: dict[str, Any]
+) -> list[Gate]:
+    """What a run of granpipe would have to pass."""
+    gates = [*average_gates(case, averaged, merge(parts)), upward_gate(averaged.field)]
+    if "off_centre" in figures:
+        gates.append(lean_gate(figures["off_centre"]))
+    changed = smoothing_change(averaged.field, parts, diameter)
+    return gates if changed is None else [*gates, SMOOTHING.gate(changed)]
 
 
 def _plain(parts: list[Sums], diameter: float) -> tuple[Field, str]:
@@ -213,7 +219,7 @@ def _told(
     """The result with its figures and notes."""
     first, last = found.solids_within[0], found.solids_within[-1]
     total, within, held = found.mean(found.solids), found.mean(found.solids_within), held_solids(field)
-    notes = []
+    notes = run_notes(figures)
     if found.empty:
         notes.append(f"{len(found.empty)} snapshots without particles are left out (first at step {found.empty[0]})")
     if abs(last - first) > _CHANGE * max(first, last):

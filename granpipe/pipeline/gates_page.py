@@ -11,6 +11,7 @@ from granpipe.dem import contact, health, settings
 from granpipe.fluid.direct import LARGEST_RESIDUAL
 from granpipe.homogenize.psi_field import MOST_STORAGE
 from granpipe.pipeline import known_field
+from granpipe.pipeline.dump_checks import DUMP_GATES, MOST_OUTSIDE, MOST_PACKING
 from granpipe.pipeline.gates import GATES, NOTES, Limit
 
 _INTRODUCTION = """\
@@ -56,6 +57,9 @@ def gates_page() -> str:
         _table(("what", "limit", "why"), _refused()),
         "\n## Marked\n",
         _limits(GATES),
+        "\nA field from dumps that a user brings (`granpipe homogenize`), beside the packing and, with a case, the gates "
+        "of an average:\n",
+        _limits(DUMP_GATES),
         "\n## Noted\n",
         _limits(NOTES),
         "",
@@ -135,6 +139,13 @@ def _refused() -> list[tuple[str, str, str]]:
             f"{MOST_STORAGE:.0%}",
             "the filling changes too fast for a steady field",
         ),
+        (
+            "solids of dumps outside the walls of the case",
+            f"{MOST_OUTSIDE:.0%}",
+            "another vessel, unit, axis or gravity",
+        ),
+        ("packing in dumps over three diameters", f"{MOST_PACKING:g}", "spheres do not pack more densely"),
+        ("radius of a particle in dumps", "the same to 1%", "particles that grow are not averaged"),
         ("residual of the fluid's linear system", f"{LARGEST_RESIDUAL:g}", "the solver has failed"),
     ]
 

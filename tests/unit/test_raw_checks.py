@@ -132,7 +132,7 @@ def test_the_direction_of_gravity_is_named_where_the_bed_lies_about_the_axis(tmp
 
 def test_an_axis_that_is_given_wrong_marks_the_field(tmp_path: Path) -> None:
     made = averaged(write(tmp_path, flow(3)), axis=(0.1, 0.0))
-    assert "distance of the bed's middle from the axis [m]" in [gate.name for gate in made.failed]
+    assert any("from the axis" in gate.name for gate in made.failed)
 
 
 def test_a_case_of_another_vessel_or_unit_is_refused(tmp_path: Path) -> None:
@@ -290,7 +290,7 @@ def test_a_place_beyond_all_bounds_is_refused(tmp_path: Path) -> None:
 def test_a_loose_bed_marks_the_field(tmp_path: Path) -> None:
     series = [tuple(array[n % 2 == 0] for array in (n, x, v, a)) for n, x, v, a in flow(3)]
     made = averaged(write(tmp_path, series))
-    assert [gate.name for gate in made.failed] == ["packing of the bulk"]
+    assert [gate.name for gate in made.failed] == ["reference packing"]
 
 
 # --- radius, time and the command ------------------------------------------------------------------------------------
