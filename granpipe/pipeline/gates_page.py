@@ -57,8 +57,8 @@ def gates_page() -> str:
         _table(("what", "limit", "why"), _refused()),
         "\n## Marked\n",
         _limits(GATES),
-        "\nA field from dumps that a user brings (`granpipe homogenize`), beside the packing and, with a case, the gates "
-        "of an average:\n",
+        "\nA field from dumps that a user brings (`granpipe homogenize`), beside the packing and, with a case, what an "
+        "average must pass:\n",
         _limits(DUMP_GATES),
         "\n## Noted\n",
         _limits(NOTES),
