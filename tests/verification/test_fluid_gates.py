@@ -34,7 +34,11 @@ def plan_of(
         "name": "vessel",
         "outline": {"unit": "m", "wall": wall, "obstacles": obstacles or {}}
         | ({"sections": sections} if sections else {}),
-        "material": {"density": "2500 kg/m^3", "bulk_density": "1500 kg/m^3", "size": {"diameter": "0.1 mm"}},
+        "material": {
+            "density": "2500 kg/m^3",
+            "bulk_density": "1500 kg/m^3",
+            "size": {"diameter": "0.1 mm" if model == "fluid" else "1 cm"},
+        },
         "flow_rate": "1e-6 m^3/h",
         "model": model,
         "fluid": fluid,
