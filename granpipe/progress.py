@@ -5,6 +5,13 @@ from __future__ import annotations
 from typing import Protocol
 
 
+def duration_text(seconds: float) -> str:
+    """``2 h 05 min``, ``3 min 20 s`` or ``12 s``."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
+
+
 class Progress(Protocol):
     """Receiver of progress reports."""
 

@@ -82,8 +82,13 @@ class Quantity(Kind):
         except UnitError as error:
             refuse(f"{error}, or auto" if self.auto else str(error))
         if not self._inside(number):
-            refuse(f"must be {self.bounds()}")
+            refuse(f"must be {self.bounds()}{self._percent(value, number)}")
         return number
+
+    def _percent(self, value: Any, number: float) -> str:
+        """The remedy where a share was given as a bare percentage."""
+        share = self.dimension is NUMBER and 1 in (self.at_most, self.below) and 2 <= number <= 100
+        return f"; for a percentage write {number:g} %" if share and value == number else ""
 
     def write(self, value: Any) -> Any:
         bare = self.dimension.bare or not isinstance(value, float)
@@ -211,7 +216,9 @@ class Points(Kind):
     def _point(self, point: Any, index: int) -> tuple[float, float]:
         plain = isinstance(point, (list, tuple)) and len(point) == 2 and all(_is_number(x) for x in point)
         if not plain:
-            refuse("must be a point [r, z] of two plain numbers; outline.unit says their unit", (index,))
+            comma = isinstance(point, (list, tuple)) and len(point) in (3, 4) and all(_is_number(x) for x in point)
+            unit = "decimals are written with a point" if comma else "outline.unit says their unit"
+            refuse(f"must be a point [r, z] of two plain numbers; {unit}", (index,))
         r, z = float(point[0]), float(point[1])
         if max(abs(r), abs(z)) > MAX_COORDINATE:
             refuse(f"must not have a coordinate beyond {MAX_COORDINATE:g} m", (index,))
@@ -367,6 +374,15 @@ class Short:
         return {"anyOf": [self.kind.schema(), handler(core)]}
 
 
+def _refuse_decimal_comma(data: Mapping[str, Any], key: str) -> None:
+    """Say what is wrong where YAML took the digits after a decimal comma, as in {friction: 0,3}, for a key."""
+    keys = list(data)
+    before = keys[keys.index(key) - 1] if keys.index(key) else None
+    digits = isinstance(key, str) and re.match(r"\d", key) and data[key] is None
+    if digits and before is not None and re.fullmatch(r"[+-]?\d+", str(data[before])):
+        refuse(f"decimals are written with a point: {before}: {data[before]}.{key}", (key,), show_value=False)
+
+
 class Group(BaseModel):
     """A group of keys. Frozen; unknown keys are refused before anything else is said about the group."""
 
@@ -388,6 +404,7 @@ class Group(BaseModel):
             refuse(cls.remedy or f"must be a group of keys: {', '.join(cls.model_fields)}")
         for key in data:
             if key not in cls.model_fields:
+                _refuse_decimal_comma(data, key)
                 help_ = cls.remedy or did_you_mean(str(key), cls.model_fields)
                 refuse(f"unknown key; {help_}", (key,), show_value=False)
         for name, field in cls.model_fields.items():

@@ -6,6 +6,7 @@ are booleans, and everything else is text. Refuses what they cannot mean: duplic
 
 from __future__ import annotations
 
+import codecs
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -99,10 +100,14 @@ def text_of(path: Path, example: str = CASE_EXAMPLE) -> str:
         raise CaseError(f"cannot be read ({reason})", place=str(path)) from error
     if len(raw) > MAX_BYTES:
         raise CaseError(f"larger than {MAX_BYTES // 1000} kB; a case is a short text", place=str(path))
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise CaseError("UTF-16 text; save the file as UTF-8", place=str(path))
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise CaseError(f"not UTF-8 text (byte {error.start})", place=str(path)) from error
+        line = raw.count(b"\n", 0, error.start) + 1
+        message = "not UTF-8 text, probably Latin-1 or Windows-1252; save the file as UTF-8"
+        raise CaseError(message, place=f"{path}:{line}") from error
     if "\0" in text:
         raise CaseError("binary data, not a YAML text", place=str(path))
     return text

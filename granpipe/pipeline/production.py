@@ -28,7 +28,7 @@ from granpipe.pipeline.convergence import RunningAverage
 from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.health_limits import flow_limits
 from granpipe.planning.plan import Plan
-from granpipe.progress import Progress
+from granpipe.progress import Progress, duration_text
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.store import check_space, digest, evidence_kept, publishing, sweep
 
@@ -230,8 +230,8 @@ class _Watch:
         left = (time.monotonic() - self.started) * wanted / made
         self.progress.update(
             1 - wanted / max(1, status.step + wanted),
-            f"step {status.step}, {status.particles} particles, {self.average.convergence}, {_duration(left)} left, "
-            f"{self.disk / 1e6:.0f} MB",
+            f"step {status.step}, {status.particles} particles, {self.average.convergence}, "
+            f"{duration_text(left)} left, {self.disk / 1e6:.0f} MB",
         )
 
     def finish(self, status: Status) -> None:
@@ -343,8 +343,3 @@ def is_whole(folder: Path, name: str) -> bool:
 def copy_walls(walls: Path, folder: Path) -> None:
     for path in walls.glob("*.stl"):
         shutil.copyfile(path, folder / path.name)
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -18,6 +18,7 @@ from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
 from granpipe.planning.flow import check_flow_rate
 from granpipe.planning.sections import section_needs
 from granpipe.planning.submodel import Span, spans, sub_case
+from granpipe.progress import duration_text
 from granpipe.system.rates import RANK_GAIN
 
 Model = Literal["dem", "fluid", "hybrid"]
@@ -36,6 +37,9 @@ CHORD_LIMIT = 0.15
 
 LEAST_SEGMENTS = 4
 """The ψ fit weighs the average by how segments differ; up to half of them may be transient."""
+
+LARGE_VESSEL = 50.0
+"""Radius or height [m] from which coordinates without a unit are more likely millimetres."""
 
 FLUID_SECONDS = 3.0
 """Meshing and solving for the fictitious fluid, start-up included."""
@@ -229,7 +233,10 @@ class _Scene:
         return unfit, doubts
 
     def _dem(self) -> Plan:
-        settings = choose(self.case, self._vessel(), self.cores)
+        try:
+            settings = choose(self.case, self._vessel(), self.cores)
+        except CaseError as error:
+            raise self._with_unit_hint(error) from None
         self._check_duration(settings)
         reasons = "; ".join(f"{name}: {need.dem}" for name, need in self.needs.items() if need.dem)
         stages = [
@@ -240,9 +247,6 @@ class _Scene:
             self._results("dem"),
         ]
         left = [Stage("fluid solve", "the DEM run covers the whole vessel"), *_left_out_of_decks(self.case)]
-        replicas = self.case.dem.replicas
-        steps = replicas * settings.particles * (settings.steps + _fill_steps(settings))
-        together = min(replicas, max(1, self.cores // settings.ranks))
         grid = self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER)
         notes = check_flow_rate(self.case, self.outline, self.openings)
         plan = self._made("dem", grid, stages, left, notes=list(notes))
@@ -250,9 +254,9 @@ class _Scene:
             plan,
             settings=settings,
             decisions=(*settings.decisions, self._facets(settings)),
-            particle_steps=steps,
-            seconds=steps / (together * assumed_rate(settings.ranks)),
-            disk_bytes=replicas * _disk(self.case, settings),
+            particle_steps=self._particle_steps(settings, settings.steps),
+            seconds=self._seconds(settings, settings.steps),
+            disk_bytes=self.case.dem.replicas * _disk(self.case, settings),
         )
 
     def _facets(self, settings: Settings) -> Decision:
@@ -273,12 +277,22 @@ class _Scene:
     def _check_duration(self, settings: Settings) -> None:
         if self.case.homogenize.method == "psi" and settings.segments < LEAST_SEGMENTS:
             segment = settings.segment_steps * settings.time_step
+            steps = LEAST_SEGMENTS * settings.segment_steps
             raise CaseError(
                 f"{self.case.dem.max_time:g} s is {settings.segments} segments of {segment:.3g} s; the ψ fit needs "
-                f"{LEAST_SEGMENTS}: make it {LEAST_SEGMENTS * segment:.2g} s or more, or set "
-                "homogenize.method: gaussian",
+                f"{LEAST_SEGMENTS}: simulate {LEAST_SEGMENTS * segment:.2g} s or more, which takes about "
+                f"{duration_text(self._seconds(settings, steps))} to compute, or set homogenize.method: gaussian",
                 ("dem", "max_time"),
             )
+
+    def _particle_steps(self, settings: Settings, steps: int) -> float:
+        """Of all replicas with so many steps of production, filling included."""
+        return self.case.dem.replicas * settings.particles * (steps + _fill_steps(settings))
+
+    def _seconds(self, settings: Settings, steps: int) -> float:
+        """Wall time of that [s]."""
+        together = min(self.case.dem.replicas, max(1, self.cores // settings.ranks))
+        return self._particle_steps(settings, steps) / (together * assumed_rate(settings.ranks))
 
     def _hybrid(self) -> Plan:
         case = self.case
@@ -370,7 +384,18 @@ class _Scene:
         given = self.case.homogenize.cell
         outline = self.outline
         size = cell if given == "auto" else float(given)
-        return Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, size)
+        try:
+            return Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, size)
+        except CaseError as error:
+            raise self._with_unit_hint(error) from None
+
+    def _with_unit_hint(self, error: CaseError) -> CaseError:
+        """The error with a question where coordinates in mm may have been read as metres."""
+        outline = self.case.outline
+        if "unit" in outline.model_fields_set or max(self.outline.r_max, abs(self.outline.z_top)) < LARGE_VESSEL:
+            return error
+        hint = f"; the vessel is {self.outline.r_max:g} m in radius: did you mean outline.unit: mm?"
+        return CaseError(error.message + hint, error.key, error.place)
 
     def _results(self, model: Model) -> Stage:
         figures = [f"figures: {name}" for name in self.case.figures if name == "rz" or model != "fluid"]

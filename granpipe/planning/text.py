@@ -6,6 +6,7 @@ from granpipe.case.schema import Case
 from granpipe.errors import CaseError, GranpipeError
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Model, Plan
+from granpipe.progress import duration_text
 from granpipe.system.rates import Rates
 
 
@@ -68,8 +69,7 @@ def _source(rates: Rates | None) -> str:
 def _variant_line(model: Model, plan: Plan | CaseError, rates: Rates | None) -> str:
     if isinstance(plan, GranpipeError):
         return f"  {model:<7} not possible: {plan}"
-    seconds = forecast(plan, rates)
-    time_text = f"{seconds / 3600:.3g} h" if seconds >= 3600 else f"{seconds / 60:.2g} min"
+    time_text = duration_text(forecast(plan, rates))
     unfit = "; does not describe every section" if plan.unfit else ""
     runs = [part.dem for _, part in _dem_runs(plan)]
     particles = " + ".join(str(dem.particles) for dem in runs) or "no"

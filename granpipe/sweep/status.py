@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from granpipe.progress import duration_text
 from granpipe.sweep import slurm
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.queue import queued
@@ -75,17 +76,11 @@ def _standing(folder: Folder, name: str, element: Element | None, here: bool) ->
 
 def _running(state: State) -> Iterator[str]:
     yield _at(state)
-    yield f"on {state.host} for {_duration(time.time() - state.begun)}"
+    yield f"on {state.host} for {duration_text(time.time() - state.begun)}"
     if (quiet := time.time() - state.updated) > QUIET:
-        yield f"last heard of {_duration(quiet)} ago"
+        yield f"last heard of {duration_text(quiet)} ago"
 
 
 def _at(state: State) -> str:
     share = f" {state.fraction:.0%}" if state.fraction else ""
     return f"{state.stage or 'start'}{share}" + (f" ({state.text})" if state.text else "")
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -432,3 +432,40 @@ def test_former_names_are_refused_with_the_new_ones(key, value, new):
     with pytest.raises(CaseError, match=rf"renamed: write {new}") as refused:
         with_set(key, value)
     assert refused.value.key == tuple(key.split("."))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            "flow_rate: 1 m^3/h",
+            "flow_rate: 1 m^3/h\ncontact: {friction: 0,3}",
+            "contact.3: decimals .*: friction: 0.3$",
+        ),
+        ("flow_rate: 1 m^3/h", "flow_rate: 1 m^3/h\ndem: {max_time: 8,5}", "dem.5: decimals .* point: max_time: 8.5$"),
+        ("flow_rate: 1 m^3/h", "flow_rate: 1 m^3/h\ndem: {max_time: 8,5 s}", "dem.5 s: decimals .*: max_time: 8.5 s$"),
+        ("[0.1, 0.0]", "[0,1, 0]", "wall.*two plain numbers; decimals are written with a point"),
+        ("[0.1, 0.0]", "[0,1, 0,0]", "wall.*two plain numbers; decimals are written with a point"),
+    ],
+)
+def test_a_decimal_comma_is_explained(old, new, says):
+    assert re.search(says, message(MINIMAL.replace(old, new)))
+
+
+def test_a_key_that_begins_with_a_digit_is_just_unknown():
+    assert "did you mean" in message(MINIMAL + "contact: {friction: 0.3, 3riction: 0.1}\n")
+
+
+@pytest.mark.parametrize(("value", "says"), [("[40, 60]", "write 40 %"), ("[0.4, 60]", "write 60 %")])
+def test_a_bare_percentage_is_explained(value, says):
+    sieve = f"{{radius: {{sieve: {{edges: [1 cm, 2 cm, 3 cm], fractions: {value}}}}}, by: mass}}"
+    assert says in message(MINIMAL.replace("{radius: 1 cm}", sieve))
+
+
+@pytest.mark.parametrize(("coding", "says"), [("utf-16", "UTF-16 text"), ("latin-1", r"\.yaml:2: not UTF-8 .*Latin-1")])
+def test_other_text_codings_are_named_with_the_remedy(tmp_path, coding, says):
+    path = tmp_path / "case.yaml"
+    path.write_bytes(("# first\n# Schütte\n" + MINIMAL).encode(coding))
+    with pytest.raises(CaseError, match=says) as refused:
+        read_case(path)
+    assert "save the file as UTF-8" in str(refused.value)

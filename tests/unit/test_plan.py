@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,7 +13,7 @@ from granpipe.case.reader import load_case, read_case
 from granpipe.errors import CaseError
 from granpipe.pipeline.run import run_case
 from granpipe.planning.plan import Plan, make_plan
-from granpipe.progress import Silent
+from granpipe.progress import Silent, duration_text
 
 CASES = Path(__file__).parents[2] / "cases"
 
@@ -179,3 +182,44 @@ def test_particles_too_small_for_the_facets_of_the_wall_are_the_cases_fault(tiny
     with pytest.raises(CaseError, match="wall facets per turn") as caught:
         plan_of(tiny, outline__unit="m", outline__wall="[[1, 0.0064], [1, 0]]", material__size="{diameter: 0.8 mm}")
     assert caught.value.key == ("material", "size")
+
+
+def test_millimetres_without_their_unit_are_asked_for(tiny: Path) -> None:
+    tiny.write_text(tiny.read_text().replace("  unit: cm\n", ""))
+    for model, size in (("dem", "2 cm"), ("dem", "1 m"), ("fluid", "2 cm")):
+        changes = {"outline__wall": "[[250, 800], [250, 0]]", "material__bulk_density": "1200", "model": model}
+        with pytest.raises(CaseError, match=r"250 m in radius: did you mean outline\.unit: mm\?"):
+            plan_of(tiny, material__size__diameter=size, homogenize__cell="0.0075", **changes)
+
+
+def test_a_run_too_short_for_the_fit_says_how_long_the_remedy_takes(tiny: Path) -> None:
+    changes = {"homogenize__method": "psi", "homogenize__start": "auto"}
+    with pytest.raises(CaseError, match=r"simulate [\d.]+ s or more, which takes about \d+ (s|min) .*to compute") as no:
+        plan_of(tiny, dem__max_time="0.1 s", **changes)
+    seconds = re.search(r"simulate ([\d.]+) s", str(no.value))
+    assert seconds is not None
+    plan = plan_of(tiny, dem__max_time=f"{seconds[1]} s", **changes)
+    assert f"takes about {duration_text(plan.seconds)} to compute" in str(no.value)
+
+
+def test_the_planner_touches_no_file_and_starts_no_process() -> None:
+    """A hook on everything that Python reports of the operating system, set once all modules are loaded."""
+    script = f"""
+import sys
+from pathlib import Path
+from granpipe.case.reader import load_case
+from granpipe.planning.plan import make_plan, model_plans
+cases = [load_case(Path(path)) for path in {[str(path) for path in sorted(CASES.glob("*.yaml"))]}]
+first = [(make_plan(case, 2), model_plans(case, 2)) for case in cases]
+seen = []
+watched = ("open", "os.", "subprocess.", "socket.", "shutil.", "glob.", "tempfile.", "import", "ctypes.")
+sys.addaudithook(lambda event, args: seen.append((event, args)) if event.startswith(watched) else None)
+again = [(make_plan(case, 2), model_plans(case, 2)) for case in cases]
+found = list(seen)
+assert [plan.decisions for plan, _ in again] == [plan.decisions for plan, _ in first]
+open({str(CASES / "smoke.yaml")!r}).close()
+assert len(seen) > len(found), "the hook does not see"
+print(found)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
