@@ -178,6 +178,8 @@ def plan(case: Path, overrides: Mapping[str, str]) -> None:
     from granpipe.system.rates import known_rates
 
     file, cores = _read(case, overrides), usable_cores()
+    for note in file.notes:
+        click.echo(f"note: {note}")
     click.echo(plan_text(plan_case(file, cores), model_plans(file.case, cores), known_rates()))
 
 
@@ -187,12 +189,51 @@ def plan(case: Path, overrides: Mapping[str, str]) -> None:
 def check(case: Path, overrides: Mapping[str, str]) -> None:
     """Check whether CASE is valid, without running it."""
     from granpipe.pipeline.run import plan_case
+    from granpipe.planning.vessel_text import vessel_text
     from granpipe.system.cores import usable_cores
 
-    made = plan_case(_read(case, overrides), usable_cores())
-    for warning in (*made.warnings, *made.breaches):
+    file = _read(case, overrides)
+    made = plan_case(file, usable_cores())
+    click.echo(vessel_text(made.outline))
+    for warning in (*file.notes, *made.warnings, *made.breaches):
         click.echo(f"note: {warning}")
     click.echo(f"{case}: valid")
+
+
+@main.command()
+@_FILE
+@click.option("--unit", default="", help="Unit of the drawing, such as mm; needed where the file does not tell.")
+@click.option("--axis", type=float, help="Where the axis lies, in the drawing's unit; found unless given.")
+@click.option("--up", type=click.Choice(["x", "-x", "y", "-y", "z", "-z"]), help="Direction that points up.")
+@click.option("--tolerance", type=float, help="How far a curve may lie off the straight lines that stand for it.")
+@click.option("--picture", type=_PATH, help="PNG file to draw what was found; default: FILE with .outline.png.")
+def outline(
+    file: Path, unit: str, axis: float | None, up: str | None, tolerance: float | None, picture: Path | None
+) -> None:
+    """Show the vessel that a drawing FILE holds: dimensions, a picture, and YAML to paste into a case.
+
+    Reads DXF, CSV, COMSOL meshes (.mphtxt), STEP, BREP, STL and OBJ. Instead of pasting, a case can name the drawing:
+    `outline: {file: silo.dxf}`.
+    """
+    from granpipe.case.units import UnitError, length_unit
+    from granpipe.drawings.read import read_drawing
+    from granpipe.export.outline_picture import outline_picture
+    from granpipe.geometry.outline import Outline
+    from granpipe.planning.vessel_text import outline_yaml, vessel_text
+
+    drawing = read_drawing(file, unit, axis, up or "", tolerance)
+    try:
+        section, metres = drawing.section, length_unit(drawing.unit)
+    except UnitError as error:
+        raise click.BadParameter(f"{drawing.unit}: {error}", param_hint="--unit") from None
+    checked = Outline.of(section.wall * metres, {name: one * metres for name, one in section.obstacles.items()})
+    path = picture or file.with_name(f"{file.name}.outline.png")
+    outline_picture(section.wall, section.obstacles, drawing.unit, path)
+    click.echo(vessel_text(checked), err=True)
+    for note in section.notes:
+        click.echo(f"note: {note}", err=True)
+    click.echo(f"picture in {path}", err=True)
+    click.echo(outline_yaml(drawing.unit, section.wall, section.obstacles), nl=False)
 
 
 @main.command()

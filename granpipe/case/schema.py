@@ -21,8 +21,8 @@ from granpipe.case.units import (
     VOLUME_FLOW,
     Dimension,
     UnitError,
+    length_unit,
     tidy,
-    unit_in_si,
 )
 from granpipe.case.values import (
     File,
@@ -182,12 +182,9 @@ class OutlineSpec(Group):
 
 def _length_unit(unit: str) -> float:
     try:
-        factor, powers = unit_in_si(unit)
+        return length_unit(unit)
     except UnitError as error:
-        refuse(f"must be a length unit such as m or mm; {error}", ("unit",))
-    if powers != LENGTH.powers:
-        refuse("must be a length unit such as m or mm", ("unit",))
-    return factor
+        refuse(str(error), ("unit",))
 
 
 def _scaled(value: Any, factor: float) -> Any:

@@ -182,3 +182,19 @@ def _from_pint(name: str) -> tuple[float, Powers]:
         raise UnitError(f"`{name}` is not a unit of length, mass, time or angle")
     powers = tuple(float(units.get(key, 0)) for key in names)
     return float(base.magnitude), powers  # type: ignore[return-value]
+
+
+def length_unit(unit: str) -> float:
+    """Metres in a unit of length.
+
+    Raises
+    ------
+    UnitError : no unit, or not one of length
+    """
+    try:
+        factor, powers = unit_in_si(unit)
+    except UnitError as error:
+        raise UnitError(f"must be a length unit such as m or mm; {error}") from None
+    if powers != LENGTH.powers:
+        raise UnitError("must be a length unit such as m or mm")
+    return factor

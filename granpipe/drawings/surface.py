@@ -54,7 +54,8 @@ def _read(path: Path) -> tuple[Points, NDArray[np.int64]]:
     from meshio import obj, stl
 
     try:
-        mesh = (obj if path.suffix.lower() == ".obj" else stl).read(path)
+        with np.errstate(over="ignore"):  # meshio takes the first bytes of a text file for a number
+            mesh = (obj if path.suffix.lower() == ".obj" else stl).read(path)
         cells = [block.data for block in mesh.cells if block.type == "triangle"]
         points, triangles = np.asarray(mesh.points, dtype=float), np.concatenate(cells)
     except Exception as error:  # meshio's readers raise whatever a damaged file makes them stumble over
@@ -93,4 +94,5 @@ def _profile(profile: Points, ring: NDArray[np.int64], triangles: NDArray[np.int
     corners = ring[triangles]
     edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]))
     pairs = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0)
-    return [Line(mean[pair]) for pair in pairs]
+    single = np.array([float(f"{value:.7g}") for value in mean.flat]).reshape(mean.shape)  # what STL's precision holds
+    return [Line(single[pair]) for pair in pairs]

@@ -1,0 +1,44 @@
+"""A vessel as text, for people who want to see whether their drawing was understood."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import yaml
+
+from granpipe.field import Array
+from granpipe.geometry.openings import find_openings
+from granpipe.geometry.outline import Outline
+
+
+def vessel_text(outline: Outline) -> str:
+    """Height, diameters, volume, openings and obstacles of a vessel."""
+    openings = find_openings(outline)
+    lines = [
+        f"height    {outline.z_top - outline.z_bottom:.6g} m, from z = {outline.z_bottom:.6g} to {outline.z_top:.6g} m",
+        f"inlet     {_diameter(outline.inlet_radius)}",
+        f"widest    {_diameter(outline.r_max)}",
+        f"outlet    {_diameter(outline.outlet_radius)}",
+        f"volume    {outline.volume():.6g} m³",
+        *(f"opening   {one.name} at z = {one.z:.6g} m: a sphere of {one.gap:.6g} m passes" for one in openings),
+    ]
+    for name, polygon in outline.obstacles.items():
+        (r0, z0), (r1, z1) = polygon.min(axis=0), polygon.max(axis=0)
+        lines.append(f"obstacle  {name}: r = {r0:.6g} … {r1:.6g} m, z = {z0:.6g} … {z1:.6g} m")
+    return "\n".join(lines)
+
+
+def outline_yaml(unit: str, wall: Array, obstacles: Mapping[str, Array]) -> str:
+    """`outline` of a case with typed points, to be pasted into a case file."""
+    data = {"unit": unit, "wall": _rows(wall), "obstacles": {name: _rows(one) for name, one in obstacles.items()}}
+    if not obstacles:
+        del data["obstacles"]
+    return yaml.safe_dump({"outline": data}, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
+
+
+def _diameter(radius: float) -> str:
+    return f"⌀ {2 * radius:.6g} m"
+
+
+def _rows(points: Array) -> Sequence[Sequence[float]]:
+    return [[float(f"{value:.10g}") for value in point] for point in points]
