@@ -82,7 +82,7 @@ class Opening(Protocol):
 def free_flow(opening: Opening, particle: float) -> float:
     """Free discharge through an opening as bulk flow [m³/s], of particles of this diameter [m].
 
-    A cone above the opening speeds it up (Rose & Tanaka 1956); leaving that out is on the safe side.
+    A cone above the opening speeds it up (Rose & Tanaka 1959); leaving that out is on the safe side.
     """
     if opening.r_inner == 0:
         return contact.beverloo_flow(opening.gap, particle)

@@ -5,14 +5,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
+from granpipe.case.schema import LEAST_PACKING
+from granpipe.case.schema import MOST_PACKING as MOST_CASE_PACKING
 from granpipe.dem import contact, health, settings
 from granpipe.fluid.direct import LARGEST_RESIDUAL
 from granpipe.homogenize.psi_field import MOST_STORAGE
 from granpipe.pipeline import known_field
 from granpipe.pipeline.dump_checks import DUMP_GATES, MOST_OUTSIDE, MOST_PACKING
 from granpipe.pipeline.gates import GATES, NOTES, Limit
+from granpipe.planning.sections import FLATTEST_HOPPER
 
 _INTRODUCTION = """\
 # What granpipe refuses, marks and lets pass, and why
@@ -40,7 +44,7 @@ granpipe computes what the case describes. It does not know, and therefore canno
 - how far coarser or softer particles change the flow, within the accepted range. `granpipe study` measures it;
 - a flow that is not axisymmetric because the real vessel is not, such as one with a feeder at its side;
 - the profile at the outlet: within one diameter of it the field depends on the plate, or on `fluid.outlet_profile`;
-- in a section that the case calls `regime: mass_flow` or `model: fluid`, whether that is so.
+- in a hopper that the case calls `regime: mass_flow` and that is steep enough, whether that is so.
 """
 
 
@@ -62,6 +66,9 @@ def gates_page() -> str:
         _limits(DUMP_GATES),
         "\n## Noted\n",
         _limits(NOTES),
+        "\nBefore the run, by `granpipe plan`: a flow rate above "
+        f"{settings.BEVERLOO_SHARE:.0%} of the free discharge through an opening, where inertia begins to show; an "
+        "opening narrower than 10 d90, where wall layers and arching show; particles of sizes more than 3 to 1.",
         "",
         _PASSES,
     ]
@@ -76,8 +83,34 @@ def _limits(limits: Iterable[Limit]) -> str:
 def _planned() -> list[tuple[str, str, str]]:
     return [
         (
+            "a fluid in a section with a floor: a narrowing ledge or wall, and up to a diameter above it",
+            f"{math.degrees(FLATTEST_HOPPER):.0f}° from the vertical, in all wider than the smallest particle's radius",
+            "solids rest there and flow in a funnel, also where the case says `regime: mass_flow` or `model: fluid`",
+        ),
+        (
+            "a fluid without `material.bulk_density`",
+            "",
+            "without particles nothing else tells the mass flow",
+        ),
+        (
+            "packing fraction of the bulk: `bulk_density` over `density`",
+            f"{LEAST_PACKING:g} to {MOST_CASE_PACKING:g}",
+            "no bulk is looser or denser",
+        ),
+        (
+            "`flow_rate`, also of `granpipe scale`",
+            "free discharge (Beverloo) through every opening; below a cone up to "
+            f"{settings.MOST_BEVERLOO:g} times that (Rose & Tanaka)",
+            "no more falls through",
+        ),
+        (
+            "width of every opening and gap, in d90",
+            f"{settings.LEAST_GAP:g}, or {settings.LEAST_COARSE_GAP:g} of coarse-grained particles, which is marked",
+            "it arches; one narrower than the smallest particle may be meant to touch, and the message says where",
+        ),
+        (
             "annular outlet of a fluid (`fluid.annulus`)",
-            "d90 of the particles, and inside the outlet",
+            "inside the outlet, and as wide as any opening",
             "particles do not pass a narrower one",
         ),
         (

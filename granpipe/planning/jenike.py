@@ -11,7 +11,7 @@ MARGIN = math.radians(3)
 
 
 def mass_flow_limit(internal_friction: float, wall_friction: float) -> float | None:
-    """Steepest half-angle from the vertical [rad] below which a cone empties in mass flow; None where none exists.
+    """Largest half-angle from the vertical [rad] at which a cone empties in mass flow; None where there is none.
 
     θ = 90° − ½ acos((1 − sin δ)/(2 sin δ)) − ½ (φ_w + asin(sin φ_w / sin δ)), for sin δ ≥ 1/3 and φ_w ≤ δ.
     Source: Jenike (1964) in the closed form of Arnold & McLean (1976). Angles are those of the bulk, from a shear
@@ -29,7 +29,7 @@ def mass_flow_limit(internal_friction: float, wall_friction: float) -> float | N
 
 
 def hopper_regime(half_angle: float, internal_friction: float, wall_friction: float) -> tuple[Regime, str]:
-    """How a cone flows, and the figures behind the verdict."""
+    """How a cone flows, and the figures that say so."""
     limit = mass_flow_limit(internal_friction, wall_friction)
     angle = f"{math.degrees(half_angle):.1f}°"
     if limit is None:
