@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -146,10 +146,18 @@ class Matching(Kind):
 
     pattern: str
     words: str
+    refusal: Callable[[str], str] = lambda _: ""
+    """Why a text that matches is refused all the same."""
 
     def read(self, value: Any) -> str:
+        return self.read_at((), value)
+
+    def read_at(self, key: tuple[int, ...], value: Any) -> str:
+        """The text; `key` is where it stands in a list."""
         if not isinstance(value, str) or len(value) > 300 or not re.fullmatch(self.pattern, value):
-            refuse(f"must be {self.words}")
+            refuse(f"must be {self.words}", key)
+        if why := self.refusal(value):
+            refuse(why, key)
         return value
 
     def accepts(self) -> str:
@@ -168,10 +176,7 @@ class Lines(Kind):
     def read(self, value: Any) -> tuple[str, ...]:
         if not isinstance(value, list):
             refuse(f"must be {self.accepts()}")
-        for index, text in enumerate(value):
-            if not isinstance(text, str) or not re.fullmatch(self.item.pattern, text):
-                refuse(f"must be {self.item.words}", (index,))
-        return tuple(value)
+        return tuple(self.item.read_at((index,), text) for index, text in enumerate(value))
 
     def accepts(self) -> str:
         return f"a list: each {self.item.words}"
@@ -324,15 +329,60 @@ class Memory(Kind):
         return {"type": "string"}
 
 
+_OWN_OPTIONS = {
+    "memory": ("mem",),
+    "ranks": ("ntasks",),
+    "at_once": ("array",),
+    **{name: (name,) for name in ("time", "partition", "account")},
+    "": (
+        *("chdir", "clusters", "dependency", "error", "export", "export-file", "get-user-env", "gid", "help", "input"),
+        *(
+            "job-name",
+            "no-requeue",
+            "open-mode",
+            "output",
+            "parsable",
+            "quiet",
+            "requeue",
+            "signal",
+            "test-only",
+            "uid",
+        ),
+        *("usage", "verbose", "version", "wait", "wrap"),
+    ),
+}
+"""Key of cluster.yaml → options of sbatch that it gives; those without a key granpipe chooses, or reads sbatch by."""
+
+_OWN_WORDS = ("eval", "exec", "exit", "kill", "logout", "return", "sbatch", "scancel", "set", "trap", "wait")
+
+
+def _own_option(option: str) -> str:
+    name = option[2:].partition("=")[0]
+    for key, names in _OWN_OPTIONS.items():
+        if any(own.startswith(name) for own in names):  # sbatch takes the beginning of a name for the name
+            return (
+                f"must not override what granpipe itself gives to sbatch; {f'give `{key}`' if key else 'leave it out'}"
+            )
+    return ""
+
+
+def _own_word(line: str) -> str:
+    word = line.split(maxsplit=1)[0]
+    return f"`{word}` would take the script out of granpipe's hands; leave it out" if word in _OWN_WORDS else ""
+
+
 _ACCOUNT = Matching(r"[A-Za-z0-9][A-Za-z0-9_.,-]*", "letters, digits, `_`, `.`, `,` and `-`")
 _MODULE = Matching(r"[A-Za-z0-9][A-Za-z0-9_.+/-]*", "the name of a module: letters, digits, `_`, `.`, `+`, `/` and `-`")
 _SETUP = Matching(
     r"[A-Za-z.][A-Za-z0-9_./~:=@+,$ {}\"-]*",
     "one plain shell command, such as `source ~/granpipe/.venv/bin/activate` or `export NAME=value`: no `;`, `|`, `&`, "
     "`<`, `>`, parentheses or backquotes",
+    _own_word,
 )
 _OPTION = Matching(
-    r"--[a-z][a-z-]*(=[A-Za-z0-9_.,:*/+\[\]-]+)?", "one long option of sbatch, such as `--qos=long` or `--exclusive`"
+    r"--[a-z][a-z-]*(=[A-Za-z0-9_.,:*/+\[\]-]+)?",
+    "one long option of sbatch, such as `--qos=long` or `--exclusive`",
+    _own_option,
 )
 
 

@@ -179,6 +179,15 @@ def test_a_profile_is_read(read):
         ("activate]", '"a\\ntrue"]', "one plain shell command"),
         ("--qos=long", "-q long", "one long option of sbatch"),
         ("--qos=long", "--qos=$X", "one long option of sbatch"),
+        ("--qos=long", "--array=1-9", "give `at_once`"),
+        ("--qos=long", "--arr=1-9", "give `at_once`"),
+        ("--qos=long", "--time=9", "give `time`"),
+        ("--qos=long", "--wrap=true", "leave it out"),
+        ("--qos=long", "--output=/dev/null", "leave it out"),
+        ("--qos=long", "--no-requeue", "leave it out"),
+        ("activate]", "activate, eval $X]", "`eval` would take the script"),
+        ("activate]", "activate, exec sleep 9]", "`exec` would take the script"),
+        ("activate]", 'activate, "trap true TERM"]', "`trap` would take the script"),
         ("partition", "partitoin", "did you mean `partition`?"),
     ],
 )
@@ -186,6 +195,11 @@ def test_nothing_unsafe_reaches_a_script(read, old, new, expected):
     text = PROFILE.replace(old, new)
     assert text != PROFILE
     assert expected in message(read, text, read_profile)
+
+
+@pytest.mark.parametrize("option", ["--exclusive", "--time-min=9", "--mem-per-cpu=100", "--gres=gpu:1", "--nodes=2"])
+def test_options_that_granpipe_does_not_give_are_passed_on(read, option):
+    assert read(PROFILE.replace("--qos=long", option), read_profile).options == (option,)
 
 
 def test_the_example_of_the_docs_is_valid():
