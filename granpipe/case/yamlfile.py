@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from granpipe.errors import CaseError, KeyPath
+from granpipe.system.reading import read_bytes, reason
 
 MAX_BYTES = 1_000_000
 MAX_NODES = 50_000  # also after aliases are expanded
@@ -91,15 +92,11 @@ def parse_value(text: str, source: str, key: KeyPath) -> tuple[Any, Places]:
 def text_of(path: Path, example: str = CASE_EXAMPLE) -> str:
     """The text of a YAML file; CaseError where it is not one."""
     try:
-        with path.open("rb") as stream:
-            raw = stream.read(MAX_BYTES + 1)
+        raw = read_bytes(path, MAX_BYTES)
     except FileNotFoundError:
         raise CaseError(f"no such file; {example}", place=str(path)) from None
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise CaseError(f"cannot be read ({reason})", place=str(path)) from error
-    if len(raw) > MAX_BYTES:
-        raise CaseError(f"larger than {MAX_BYTES // 1000} kB; a case is a short text", place=str(path))
+        raise CaseError(f"cannot be read ({reason(error)})", place=str(path)) from error
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise CaseError("UTF-16 text; save the file as UTF-8", place=str(path))
     try:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
+from pydantic import Field
+
+from granpipe.case.yamlfile import MAX_BYTES
 from granpipe.errors import DataError
 from granpipe.sweep.variants import Variant
+from granpipe.system.jsonfile import read_json
+from granpipe.system.reading import read_bytes, reason
+
+_REMEDY = "start the sweep or study again: it writes the file anew and keeps what is done"
 
 
 @dataclass(frozen=True)
@@ -47,31 +52,24 @@ class Content:
     @classmethod
     def read(cls, folder: Path) -> Content:
         """What `write` wrote; DataError where it is gone or damaged."""
-        with _explained(folder / "case.yaml") as path:
-            text = path.read_bytes().decode()
-        with _explained(folder / "points.json") as path:
-            match json.loads(path.read_bytes()):
-                case {"axes": [*axes], "chart": [*chart], "table": [*table], "points": [_, *_] as points}:
-                    variants = {one.name: one for one in map(_variant, points)}
-                    return cls(text, variants, tuple(map(str, axes)), tuple(map(str, chart)), tuple(map(str, table)))
-            raise ValueError("it does not tell the points of a sweep")
+        path = folder / "case.yaml"
+        try:
+            text = read_bytes(path, MAX_BYTES).decode()
+        except (OSError, ValueError) as error:
+            raise DataError(f"{path}: damaged ({reason(error)}); {_REMEDY}") from error
+        stored = read_json(folder / "points.json", _Stored, _REMEDY)
+        variants = {one.name: one for one in stored.points}
+        return cls(text, variants, stored.axes, stored.chart, stored.table)
 
 
-def _variant(point: Any) -> Variant:
-    match point:
-        case {"name": str(name), "changes": dict(changes)} if all(isinstance(text, str) for text in changes.values()):
-            return Variant(name, changes)
-    raise ValueError(f"{point!r} is no point")
+@dataclass(frozen=True)
+class _Stored:
+    """What ``points.json`` holds."""
 
-
-@contextlib.contextmanager
-def _explained(path: Path) -> Iterator[Path]:
-    try:
-        yield path
-    except (FileNotFoundError, ValueError) as error:
-        raise DataError(
-            f"{path}: damaged ({error}); start the sweep or study again: it writes the file anew and keeps what is done"
-        ) from error
+    axes: tuple[str, ...]
+    chart: tuple[str, ...]
+    table: tuple[str, ...]
+    points: Annotated[tuple[Variant, ...], Field(min_length=1)]
 
 
 def replace_text(path: Path, text: str) -> None:

@@ -32,6 +32,8 @@ from granpipe.system.versions import library_versions
 
 _VERSION = 1
 
+_MOST_OWNER = 1000  # characters
+
 _PATIENCE = 2.0
 """How long a lock is tried for [s]: `granpipe sweep status` may look at it for a moment."""
 
@@ -160,8 +162,8 @@ class Folder:
 def _owner(file: IO[str]) -> Owner:
     file.seek(0)
     with contextlib.suppress(ValueError):
-        match json.loads(file.read()):
-            case {"host": str(host), "pid": int(pid)} if pid > 0:
+        match json.loads(file.read(_MOST_OWNER)):
+            case {"host": str(host), "pid": int(pid)} if 0 < pid < 2**31:
                 return Owner(host, pid)
     return Owner()
 

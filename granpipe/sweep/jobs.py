@@ -21,7 +21,7 @@ from granpipe.sweep.file import Profile
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.local import CHUNK
 from granpipe.sweep.points import Point
-from granpipe.sweep.queue import jobs_of, queued, queued_jobs, write_jobs
+from granpipe.sweep.queue import Job, jobs_of, queued, queued_jobs, write_jobs
 
 _LEAST = 5
 """Points without particles that a job takes at least: starting takes about as long as these."""
@@ -45,15 +45,15 @@ def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: 
         for ranks in sorted({_ranks(point, profile) for point in fresh}):
             lines = _lines([point for point in fresh if _ranks(point, profile) == ranks], most)
             job = _submit_points(folder, scripts, lines, ranks, profile)
-            jobs.append({"job": job, "points": [line.split() for line in lines]})
+            jobs.append(Job(job, [line.split() for line in lines]))
             progress.note(f"job {job}: {sum(map(len, map(str.split, lines)))} points in {len(lines)} elements")
             write_jobs(folder, [*jobs_of(folder), jobs[-1]])
-        active = sorted({element.job.split("_")[0] for element in waiting.values()} | {str(job["job"]) for job in jobs})
+        active = sorted({element.job.split("_")[0] for element in waiting.values()} | {job.job for job in jobs})
         path = _write(scripts / "table.sh", "table.sh.j2", folder, profile, {})
         table = slurm.submit(path, f"--dependency=afterany:{':'.join(active)}")
-        write_jobs(folder, [{"job": table, "points": []}, *jobs_of(folder)])
+        write_jobs(folder, [Job(table, []), *jobs_of(folder)])
         progress.note(f"job {table}: writes the table and chart when the others have ended")
-        return [*(str(job["job"]) for job in jobs), table]
+        return [*(job.job for job in jobs), table]
 
 
 def cancel(folder: Folder) -> str:

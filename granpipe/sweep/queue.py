@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from dataclasses import asdict, dataclass
 
-from granpipe.errors import DataError
 from granpipe.sweep import slurm
 from granpipe.sweep.content import replace_text
 from granpipe.sweep.folder import Folder
@@ -13,13 +12,34 @@ from granpipe.sweep.slurm import Element
 from granpipe.system.jsonfile import read_json
 
 
+@dataclass(frozen=True)
+class Job:
+    """A job that was submitted.
+
+    Parameters
+    ----------
+    job : its id
+    points : names of the points of each element of the array; empty for the job that makes the table
+    """
+
+    job: str
+    points: list[list[str]]
+
+
+@dataclass(frozen=True)
+class Jobs:
+    """What ``slurm/jobs.json`` holds."""
+
+    jobs: list[Job]
+
+
 def queued(folder: Folder) -> dict[str, Element]:
     """Points that are in Slurm's queue, waiting or running, with the element of the array that has them."""
-    lines = {job["job"]: job["points"] for job in jobs_of(folder)}
+    lines = {job.job: job.points for job in jobs_of(folder)}
     found: dict[str, Element] = {}
     for element in _elements(folder):
         job, _, index = element.job.partition("_")
-        if index.isdigit():
+        if index.isdigit() and 0 < int(index) <= len(lines[job]):
             found |= dict.fromkeys(lines[job][int(index) - 1], element)
     return found
 
@@ -31,28 +51,19 @@ def queued_jobs(folder: Folder) -> set[str]:
 
 def _elements(folder: Folder) -> list[Element]:
     """What of this sweep is in the queue; nothing where there is no Slurm: results may be looked at elsewhere."""
-    jobs = {job["job"] for job in jobs_of(folder)}
+    jobs = {job.job for job in jobs_of(folder)}
     return [one for one in slurm.queue() if one.job.partition("_")[0] in jobs] if jobs and slurm.is_here() else []
 
 
-def jobs_of(folder: Folder) -> list[dict[str, Any]]:
-    """The jobs that were submitted: `job`, and the `points` of each element; none for one that makes the table."""
+def jobs_of(folder: Folder) -> list[Job]:
+    """The jobs that were submitted."""
     file = folder.root / "slurm" / "jobs.json"
     if not file.exists():
         return []
-    match read_json(file):
-        case {"jobs": [*jobs]} if all(map(_is_job, jobs)):
-            return jobs
-    raise DataError(f"{file}: damaged; cancel the jobs of this sweep that `squeue --me` shows, and delete the file")
+    remedy = "cancel the jobs of this sweep that `squeue --me` shows, and delete the file"
+    return read_json(file, Jobs, remedy).jobs
 
 
-def _is_job(job: Any) -> bool:
-    match job:
-        case {"job": str(), "points": [*lines]}:
-            return all(isinstance(line, list) for line in lines)
-    return False
-
-
-def write_jobs(folder: Folder, jobs: list[dict[str, Any]]) -> None:
+def write_jobs(folder: Folder, jobs: list[Job]) -> None:
     """Note what was submitted."""
-    replace_text(folder.root / "slurm" / "jobs.json", json.dumps({"jobs": jobs}))
+    replace_text(folder.root / "slurm" / "jobs.json", json.dumps(asdict(Jobs(jobs))))

@@ -12,7 +12,12 @@ import socket
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from granpipe.errors import DataError
+from granpipe.system.jsonfile import read_json
 
 Phase = Literal["running", "done", "failed"]
 
@@ -50,7 +55,7 @@ class State:
     error: str = ""
     gates: tuple[str, ...] = ()
     host: str = field(default_factory=socket.gethostname)
-    pid: int = field(default_factory=os.getpid)
+    pid: Annotated[int, Field(gt=0, lt=2**31)] = field(default_factory=os.getpid)
     job: str = field(default_factory=lambda: os.environ.get(JOB, ""))
     begun: float = field(default_factory=time.time)
     updated: float = field(default_factory=time.time)
@@ -65,9 +70,8 @@ class State:
     def load(cls, path: Path) -> State | None:
         """What the file says; None where there is none, or a damaged one."""
         try:
-            data = json.loads(path.read_text())
-            return cls(**data | {"gates": tuple(data["gates"])})
-        except (OSError, ValueError, KeyError, TypeError):
+            return read_json(path, cls)
+        except DataError:
             return None
 
     def process_is_gone(self) -> bool:

@@ -8,6 +8,11 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Annotated
+
+from pydantic import Field
+
+from granpipe.case.values import Name
 
 MAX_NAME = 64
 """Longest name of a variant; it becomes the name of its case and of its folder."""
@@ -28,7 +33,7 @@ class Variant:
     `name` is safe as a file name.
     """
 
-    name: str
+    name: Annotated[str, Field(pattern=f"^{Name.pattern}$")]
     changes: dict[str, str]
 
 

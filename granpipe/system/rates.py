@@ -8,7 +8,14 @@ import platform
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+from pydantic import Field, PositiveInt
+
+from granpipe.errors import DataError
+from granpipe.system.jsonfile import read_json
+
+Rate = Annotated[float, Field(gt=0, lt=1e15, allow_inf_nan=False)]
 
 _FILE = "rates.json"
 
@@ -31,7 +38,7 @@ class Rates:
     """Particle-steps per second of whole runs, filling and averaging included, by number of ranks; and since when."""
 
     made: str
-    by_ranks: dict[int, float]
+    by_ranks: Annotated[dict[PositiveInt, Rate], Field(validation_alias="rates", min_length=1)]
 
     @property
     def text(self) -> str:
@@ -48,18 +55,15 @@ class Rates:
 
 def known_rates() -> Rates | None:
     """What has been measured on this machine; None where nothing has."""
-    try:
-        stored = _stored(_path())[machine()]
-        rates = {int(ranks): float(rate) for ranks, rate in stored["rates"].items()}
-        return Rates(str(stored["made"]), rates) if 1 in rates else None
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return None
+    rates = _stored(_path()).get(machine())
+    return rates if rates is not None and 1 in rates.by_ranks else None
 
 
 def keep_rates(by_ranks: dict[int, float]) -> Rates:
     """Keep what has been measured today, beside what other machines with the same cache have."""
     rates, path = Rates(date.today().isoformat(), by_ranks), _path()
-    stored = {**_stored(path), machine(): {"made": rates.made, "rates": by_ranks}}
+    known = _stored(path) | {machine(): rates}
+    stored = {name: {"made": one.made, "rates": one.by_ranks} for name, one in known.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
     aside = path.with_name(f".{path.name}.{os.getpid()}")
     aside.write_text(json.dumps(stored, indent=1))
@@ -67,13 +71,12 @@ def keep_rates(by_ranks: dict[int, float]) -> Rates:
     return rates
 
 
-def _stored(path: Path) -> dict[str, Any]:
+def _stored(path: Path) -> dict[str, Rates]:
     """What is kept of every machine; nothing where the file is not there or damaged."""
     try:
-        stored = json.loads(path.read_text())
-    except (OSError, ValueError):
+        return read_json(path, dict[str, Rates])
+    except DataError:
         return {}
-    return stored if isinstance(stored, dict) else {}
 
 
 def _path() -> Path:

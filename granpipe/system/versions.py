@@ -8,6 +8,8 @@ import shutil
 from importlib.metadata import version
 from pathlib import Path
 
+from granpipe.errors import DataError
+from granpipe.system.jsonfile import read_json
 from granpipe.system.programs import liggghts_version
 
 
@@ -25,7 +27,7 @@ def program_versions(cache: Path) -> dict[str, str]:
     binary = shutil.which("liggghts")
     state = Path(binary).stat() if binary else None
     identity = f"{binary} {state.st_size} {state.st_mtime_ns}" if state else ""
-    known = _read(cache)
+    known = _known(cache)
     if not identity or identity not in known:
         known = {identity: liggghts_version()}
         cache.parent.mkdir(parents=True, exist_ok=True)
@@ -33,9 +35,8 @@ def program_versions(cache: Path) -> dict[str, str]:
     return {"gmsh": version("gmsh"), "liggghts": known[identity]}
 
 
-def _read(cache: Path) -> dict[str, str]:
+def _known(cache: Path) -> dict[str, str]:
     try:
-        known: dict[str, str] = json.loads(cache.read_text())
-    except (OSError, ValueError):
+        return read_json(cache, dict[str, str])
+    except DataError:
         return {}
-    return known

@@ -2,6 +2,8 @@
 time limit is hit. The sweep ends complete, and nothing is run twice.
 
 `make test-cluster` installs what it needs. One story, told in order: each test goes on where the one before has ended.
+Nothing in it hangs on the clock: a job that a test is about waits at its start until the test lets it go, and its time
+limit is brought forward once it is under way.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cluster.two_nodes import TwoNodes, alive, missing, two_nodes, wait_for
+from cluster.two_nodes import PATIENCE, TwoNodes, alive, missing, two_nodes, wait_for
 
 pytestmark = [pytest.mark.cluster, pytest.mark.liggghts]
 
@@ -50,7 +52,7 @@ axes:
   - contact.friction: [0.2, 0.5, 0.8]
   - homogenize.start: [2 s, 3 s]  # such two share all that LIGGGHTS does
 points:
-  long: {dem.seed: 2, dem.max_time: 80 s}
+  long: {dem.seed: 2, dem.max_time: 120 s}
   lost: {dem.seed: 3, dem.max_time: 20 s}
   killed: {dem.seed: 4, dem.max_time: 20 s}
   two-ranks: {dem.seed: 5, dem.ranks: 2}
@@ -60,22 +62,27 @@ chart: [solids_flow_m3_per_s]
 table: [csv, netcdf]
 """
 POINTS = 12
+JOBS = {"long": "1_7", "lost": "1_8", "killed": "1_9"}
+"""Points that something happens to → their jobs: job 1 has all that take one rank, in order."""
 
 PROFILE = """\
-time: 2 min
+time: 2 h
 margin: 30 s
 memory: 500 MB
 partition: main
-setup: [export LC_ALL=C]
+setup: [export LC_ALL=C, source {root}/hold.sh]
 """
 
 COUNTING = """\
 #!/bin/sh
 # LIGGGHTS that notes each of its starts: the job, the folder and the arguments.
-# The first production of the point `long` starts as on a slow node, so that its job hits the time limit on any machine.
-case "$GRANPIPE_JOB $*" in "1_7 "*produce.in*" first 1 "*) sleep 40 ;; esac
 case "$OMPI_COMM_WORLD_RANK" in ""|0) [ "$2" = /dev/null ] || echo "$GRANPIPE_JOB $PWD $*" >>{notes} ;; esac
 exec {real} "$@"
+"""
+
+HOLD = """\
+# A job waits while there is a file with its name.
+while [ -e {held}/"$SLURM_ARRAY_JOB_ID"_"$SLURM_ARRAY_TASK_ID" ]; do sleep 0.2; done
 """
 
 
@@ -105,11 +112,19 @@ class Story:
     def store(self) -> Path:
         return self.root / "results" / ".store"
 
+    def hold(self, point: str) -> None:
+        """Let the job of a point wait at its next start."""
+        (self.root / "held" / JOBS[point]).touch()
+
+    def release(self, point: str) -> None:
+        """Let it go on."""
+        (self.root / "held" / JOBS[point]).unlink()
+
     def granpipe(self, *arguments: str) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "granpipe", *arguments]
         environment = self.cluster.environment | {"PATH": f"{self.root / 'bin'}:{os.environ['PATH']}"}
         return subprocess.run(
-            command, cwd=self.root, env=environment, capture_output=True, text=True, check=False, timeout=60
+            command, cwd=self.root, env=environment, capture_output=True, text=True, check=False, timeout=PATIENCE
         )
 
     def sweep(self) -> str:
@@ -140,6 +155,10 @@ class Story:
             found.append(Start(job, stage, int(first[1]) if first else 0))
         return found
 
+    def jobs(self) -> list[dict[str, Any]]:
+        """What was submitted."""
+        return list(json.loads((self.folder / "slurm" / "jobs.json").read_text())["jobs"])
+
     def segments(self, point: str) -> int:
         """How many segments the point's production has published; 0 before it began."""
         chains = [one.stage for one in self.starts() if one.job == self.state(point).get("job") and one.segment]
@@ -157,7 +176,7 @@ class Story:
             assert self.state(point).get("phase") != "failed", self.log(point)
             return self.segments(point) >= number
 
-        wait_for(there, 300)
+        wait_for(there)
 
     def start_requeued_jobs_now(self) -> None:
         """Slurm lets a requeued job wait for two minutes; the test need not."""
@@ -174,39 +193,48 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Story]:
     root = tmp_path_factory.mktemp("sweep")
     real = shutil.which("liggghts")
     assert real, "LIGGGHTS is not installed"
-    (root / "bin").mkdir()
+    for name in ("bin", "held"):
+        (root / name).mkdir()
     counting = root / "bin" / "liggghts"
     counting.write_text(COUNTING.format(notes=root / "starts", real=real))
     counting.chmod(0o755)
-    for name, text in (("column", CASE), ("columns", SWEEP), ("cluster", PROFILE)):
+    for name, text in (("column", CASE), ("columns", SWEEP), ("cluster", PROFILE.format(root=root))):
         (root / f"{name}.yaml").write_text(text)
+    (root / "hold.sh").write_text(HOLD.format(held=root / "held"))
     with two_nodes(root / "slurm") as cluster:
-        yield Story(cluster, root)
+        told = Story(cluster, root)
+        for point in JOBS:
+            told.hold(point)
+        yield told
 
 
 def test_all_points_are_submitted_and_only_once(story: Story) -> None:
     first = story.sweep()
     assert sum(map(int, re.findall(r"(\d+) points in", first))) == POINTS
     assert "nothing to submit" in story.sweep()
-    assert {word for word, _ in story.status().values()} <= {"waiting", "running"}
+    assert {word for word, _ in story.status().values()} <= {"waiting", "running", "done"}
+    (one_rank, *_) = (job for job in story.jobs() if job["job"] == "1")
+    assert {point: f"1_{one_rank['points'].index([point]) + 1}" for point in JOBS} == JOBS
 
 
 def test_what_runs_on_a_lost_node_goes_back_into_the_queue(story: Story) -> None:
+    story.release("lost")
     story.wait_for_segments("lost")
     job = story.state("lost")["job"]
     node = next(node for one, _, node in story.cluster.queue() if one == job)
     story.cluster.run("scontrol", "update", f"NodeName={node}", "State=DOWN", "Reason=lost")
-    wait_for(lambda: (job, "PENDING", "") in story.cluster.queue(), 60)
-    wait_for(lambda: not alive(story.state("lost")["pid"]), 30)
+    wait_for(lambda: (job, "PENDING", "") in story.cluster.queue())
+    wait_for(lambda: not alive(story.state("lost")["pid"]))
     story.interrupted["lost"] = story.segments("lost")
     assert story.status()["lost"][0] == "waiting"
     story.cluster.wait_until_up()
 
 
 def test_a_job_that_is_killed_is_shown_as_failed(story: Story) -> None:
+    story.release("killed")
     story.wait_for_segments("killed")
     os.kill(story.state("killed")["pid"], signal.SIGKILL)
-    wait_for(lambda: story.state("killed")["job"] not in [job for job, _, _ in story.cluster.queue()], 60)
+    wait_for(lambda: story.state("killed")["job"] not in [job for job, _, _ in story.cluster.queue()])
     story.interrupted["killed"] = story.segments("killed")
     word, remark = story.status()["killed"]
     assert word == "failed"
@@ -214,29 +242,39 @@ def test_a_job_that_is_killed_is_shown_as_failed(story: Story) -> None:
 
 
 def test_a_job_at_its_time_limit_goes_on_in_the_queue(story: Story) -> None:
-    wait_for(lambda: "near its time limit, goes on in the queue" in story.log("long"), 240)
+    story.release("long")
+    story.wait_for_segments("long")
+    story.hold("long")  # from its second start on
+    spent = story.cluster.run("squeue", f"--jobs={JOBS['long']}", "--noheader", "--format=%M").strip()
+    minutes = sum(int(text) * size for text, size in zip(spent.split(":")[::-1][1:], (1, 60), strict=False))
+    story.cluster.run("scontrol", "update", f"JobId={JOBS['long']}", f"TimeLimit={minutes + 1}")
+    wait_for(lambda: "near its time limit, goes on in the queue" in story.log("long"))
     story.interrupted["long"] = story.segments("long")
     assert story.interrupted["long"] > 0
-    wait_for(lambda: story.status()["long"][0] in ("waiting", "running"), 30)
+    wait_for(lambda: story.status()["long"][0] in ("waiting", "running"))
 
 
 def test_a_drained_node_takes_no_jobs_and_the_sweep_goes_on(story: Story) -> None:
-    story.cluster.run("scontrol", "update", "NodeName=n2", "State=DRAIN", "Reason=upkeep")
-    wait_for(lambda: story.cluster.node_states()["n2"] == "drained", 240)  # what runs on it ends in peace
-    story.start_requeued_jobs_now()
-    wait_for(lambda: story.nodes_at_work() == {"n1"}, 120)
-    point = next(point for point in ("long", "lost") if story.status()[point][0] == "running")
-    story.wait_for_segments(point, story.segments(point) + 1)
-    assert story.nodes_at_work() <= {"n1"}
-    story.cluster.run("scontrol", "update", "NodeName=n2", "State=RESUME")
+    def begun_again() -> bool:
+        story.start_requeued_jobs_now()
+        return any(job == JOBS["long"] and state == "RUNNING" for job, state, _ in story.cluster.queue())
+
+    wait_for(begun_again, every=1)
+    node = next(node for job, _, node in story.cluster.queue() if job == JOBS["long"])
+    other = "n2" if node == "n1" else "n1"
+    story.cluster.run("scontrol", "update", f"NodeName={other}", "State=DRAIN", "Reason=upkeep")
+    wait_for(lambda: story.cluster.node_states()[other] == "drained")  # what runs on it ends in peace
+    story.release("long")
+    story.wait_for_segments("long", story.interrupted["long"] + 1)
+    assert story.nodes_at_work() == {node}
+    story.cluster.run("scontrol", "update", f"NodeName={other}", "State=RESUME")
 
 
 def test_a_second_call_submits_what_has_failed_and_nothing_else(story: Story) -> None:
-    wait_for(lambda: story.status()["wrong"][0] == "failed", 120)
+    wait_for(lambda: story.status()["wrong"][0] == "failed")
     submitted = story.sweep()
     assert sum(map(int, re.findall(r"(\d+) points in", submitted))) == 2
-    jobs = json.loads((story.folder / "slurm" / "jobs.json").read_text())["jobs"]
-    assert {point for line in jobs[-1]["points"] for point in line} == {"killed", "wrong"}
+    assert {point for line in story.jobs()[-1]["points"] for point in line} == {"killed", "wrong"}
 
 
 def test_the_sweep_ends_complete(story: Story) -> None:
@@ -244,7 +282,7 @@ def test_the_sweep_ends_complete(story: Story) -> None:
         story.start_requeued_jobs_now()
         return not story.cluster.queue()
 
-    wait_for(ended, 420, every=3)
+    wait_for(ended, every=3)
     standing = story.status()
     assert Counter(word for word, _ in standing.values()) == {"done": POINTS - 1, "failed": 1}
     assert "none.npz cannot be read" in standing["wrong"][1]
@@ -283,14 +321,16 @@ def test_the_table_holds_every_point(story: Story) -> None:
 
 def test_granpipe_itself_takes_less_than_two_seconds_for_a_point(story: Story) -> None:
     """Processor time of a point for which neither LIGGGHTS nor the averaging has to run, start of Python included."""
-    story.granpipe("sweep", "points", str(story.folder), "two-more")  # so that Python's own files are in the page cache
-    (story.folder / "state" / "two-more.json").unlink()
-    begun = os.times()
-    done = story.granpipe("sweep", "points", str(story.folder), "two-more")
-    ended = os.times()
-    assert done.returncode == 0, done.stderr
-    assert story.status()["two-more"][0] == "done"
-    assert ended.children_user + ended.children_system - begun.children_user - begun.children_system < 2.0
+    spent = []
+    for _ in range(3):  # others on the same cores cost processor time, too
+        (story.folder / "state" / "two-more.json").unlink()
+        begun = os.times()
+        done = story.granpipe("sweep", "points", str(story.folder), "two-more")
+        ended = os.times()
+        assert done.returncode == 0, done.stderr
+        assert story.status()["two-more"][0] == "done"
+        spent.append(ended.children_user + ended.children_system - begun.children_user - begun.children_system)
+    assert min(spent) < 2.0
 
 
 def test_a_sweep_is_cancelled(story: Story) -> None:
@@ -298,5 +338,5 @@ def test_a_sweep_is_cancelled(story: Story) -> None:
         story.cluster.run("scontrol", "update", f"NodeName={node}", "State=DRAIN", "Reason=test")
     assert "1 points in 1 elements" in story.sweep()
     assert "cancelled jobs" in story.granpipe("sweep", "cancel", "columns.yaml").stdout
-    wait_for(lambda: not story.cluster.queue(), 60)
+    wait_for(lambda: not story.cluster.queue())
     assert story.status()["wrong"][0] == "failed"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import random
 import shutil
 import signal
 import socket
@@ -16,6 +17,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "squeue", "scontrol")
+
+PATIENCE = 900.0
+"""Limit on whatever must come [s], however busy the machine is: nothing is shown by how soon it comes."""
 
 CONFIG = """\
 ClusterName=toy
@@ -63,7 +67,9 @@ class TwoNodes:
 
     def run(self, *command: str) -> str:
         """Output of one command of Slurm."""
-        done = subprocess.run(command, env=self.environment, capture_output=True, text=True, check=False, timeout=60)
+        done = subprocess.run(
+            command, env=self.environment, capture_output=True, text=True, check=False, timeout=PATIENCE
+        )
         assert done.returncode == 0, f"{command}: {done.stderr}{done.stdout}"
         return done.stdout
 
@@ -77,10 +83,10 @@ class TwoNodes:
         lines = self.run("sinfo", "--noheader", "--Node", "--format=%N %T").splitlines()
         return {name: state.rstrip("*~#!%$@^-") for name, state in (line.split() for line in lines)}
 
-    def wait_until_up(self, seconds: float = 30) -> None:
+    def wait_until_up(self) -> None:
         """Wait until both nodes take jobs; one that was lost comes back by itself."""
         up = {"idle", "allocated", "mixed", "completing"}
-        wait_for(lambda: set(self.node_states().values()) <= up, seconds)
+        wait_for(lambda: set(self.node_states().values()) <= up)
 
     def start(self, node: str) -> None:
         """Start the daemon of a node."""
@@ -114,7 +120,7 @@ class TwoNodes:
     def _daemon(self, program: str, *arguments: str) -> None:
         path = shutil.which(program) or shutil.which(program, path="/usr/sbin:/sbin")
         assert path, f"{program} is not installed"
-        done = subprocess.run([path, *arguments], capture_output=True, text=True, check=False, timeout=30)
+        done = subprocess.run([path, *arguments], capture_output=True, text=True, check=False, timeout=PATIENCE)
         assert done.returncode == 0, f"{program} does not start: {done.stderr}{done.stdout}"
 
     def _end(self) -> None:
@@ -142,7 +148,7 @@ def two_nodes(root: Path) -> Iterator[TwoNodes]:
         cluster._end()
 
 
-def wait_for(condition: Callable[[], bool], seconds: float, every: float = 0.2) -> None:
+def wait_for(condition: Callable[[], bool], seconds: float = PATIENCE, every: float = 0.2) -> None:
     """Wait until `condition()` holds; AssertionError when it takes too long."""
     end = time.monotonic() + seconds
     while not condition():
@@ -159,9 +165,10 @@ def alive(pid: int) -> bool:
 
 
 def _ports(number: int) -> list[int]:
-    """Free ports, all different."""
-    with contextlib.ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket()) for _ in range(number)]
-        for one in sockets:
-            one.bind(("127.0.0.1", 0))
-        return [one.getsockname()[1] for one in sockets]
+    """Free ports, all different, below those that the kernel hands out: nobody takes one before its daemon does."""
+    found: list[int] = []
+    for port in random.sample(range(20_000, 32_000), 200):
+        with socket.socket() as one, contextlib.suppress(OSError):
+            one.bind(("127.0.0.1", port))
+            found.append(port)
+    return found[:number]

@@ -21,7 +21,7 @@ BASE = {"errors", "progress", "field", "rzmesh"}
 ROOMS: dict[str, set[str]] = {
     "system": set(),
     "drawings": {"system"},
-    "case": {"drawings"},
+    "case": {"drawings", "system"},
     "geometry": {"case", "system"},
     "dem": {"case", "system"},
     "homogenize": {"system"},

@@ -124,7 +124,7 @@ def test_alias_in_reason_is_read():
         (b"\x89PNG\r\n\x1a\n\x00", "not UTF-8 text"),
         (b"name: \x00\n", "binary data"),
         (b"name: \xff\xfe\n", "not UTF-8 text"),
-        (b"#" * (MAX_BYTES + 1), "larger than 1000 kB"),
+        (b"#" * (MAX_BYTES + 1), "larger than 1 MB"),
     ],
 )
 def test_file_that_is_no_case_is_refused(tmp_path, content, says):
@@ -137,7 +137,7 @@ def test_file_that_is_no_case_is_refused(tmp_path, content, says):
 def test_missing_file_and_folder_are_refused(tmp_path):
     with pytest.raises(CaseError, match="no such file"):
         read_yaml(tmp_path / "none.yaml")
-    with pytest.raises(CaseError, match=r"cannot be read \(Is a directory\)"):
+    with pytest.raises(CaseError, match=r"cannot be read \(a folder, not a regular file\)"):
         read_yaml(tmp_path)
 
 
