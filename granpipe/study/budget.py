@@ -6,8 +6,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import hypot
+from typing import Annotated
 
+from pydantic import Field, PositiveInt
 from scipy.special import chdtri
+
+Size = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 TOLERANCES = (0.02, 0.05, 0.1, 0.2)
 """Total errors for which a setting is recommended."""
@@ -25,8 +29,8 @@ def percent(value: float) -> str:
 class Part:
     """One part of an error, noise taken off, and its 95 % upper bound."""
 
-    value: float
-    upper: float
+    value: Size
+    upper: Size
 
     @property
     def resolved(self) -> bool:
@@ -58,11 +62,11 @@ class Option:
 
     point: str
     method: str
-    travel: float
-    seconds: float
-    cores: int
-    statistical: Mapping[str, float]
-    blocks: float
+    travel: Size
+    seconds: Size
+    cores: PositiveInt
+    statistical: Mapping[str, Size]
+    blocks: Annotated[float, Field(gt=1)]
     systematic: Mapping[str, Part]
     changes: Mapping[str, str] = field(default_factory=dict)
 

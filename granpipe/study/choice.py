@@ -16,13 +16,13 @@ from typing import Any
 from granpipe.case.reader import CaseFile, resolve, varied
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
-from granpipe.errors import CaseError, DataError
+from granpipe.errors import CaseError
 from granpipe.geometry.openings import find_openings
+from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.study.budget import PLAIN, Option, advise, percent
 from granpipe.study.points import study_name
-from granpipe.study.report import read_options
-from granpipe.system.jsonfile import read_json
+from granpipe.study.report import read_study
 
 SHIPPED = Path(__file__).parents[1] / "templates" / "studies"
 """Studies that granpipe brings along, as their ``study.json``; made by ``benchmarks/study.py``."""
@@ -87,9 +87,9 @@ class Chosen:
 
     def obtained(self, folder: Path) -> str:
         """For the user, after the run."""
-        provenance = read_json(folder / "provenance.json")
-        took = f"took {provenance['wall_seconds']:.0f} s"
-        noise = provenance["figures"].get("statistical_error", {}).get("whole")
+        provenance = Provenance.read(folder)
+        took = f"took {provenance.wall_seconds:.0f} s"
+        noise = dict(provenance.numbers).get("statistical_error.whole")
         if noise is None:
             return f"{took}; this method does not tell its statistical error"
         rest = self.option.systematic["whole"]
@@ -106,24 +106,16 @@ def choose(file: CaseFile, results: Path, tolerance: float) -> Chosen:
     CaseError where no study has one.
     """
     own = results / study_name(file.case) / "study.json"
-    if own.is_file() and _scene(_studied(own)) != _scene(_plain(file.case)):
+    if own.is_file() and _scene(read_study(own).case) != _scene(file.case):
         message = f"{own.parent} is a study of another vessel or material; run granpipe study again, or move it away"
         raise CaseError(message, place="--total-error")
     for study in (own, *shipped()):
-        if study.is_file() and _scene(studied := _studied(study)) == _scene(_plain(file.case)):
-            option, proven = _best(read_options(study), tolerance, study)
+        if study.is_file() and _scene((former := read_study(study)).case) == _scene(file.case):
+            option, proven = _best(former.options, tolerance, study)
             where = f"of the study in {study.parent}" if study == own else f"of granpipe's study of {study.stem}"
-            changes = _settings(studied, option)
+            changes = _settings(former.case, option)
             return Chosen(_changed(file.case, changes), option, changes, where, proven)
     return _guess(file.case, tolerance, own)
-
-
-def _studied(study: Path) -> dict[str, Any]:
-    """The case of a study."""
-    try:
-        return dict(read_json(study)["case"])
-    except (KeyError, TypeError):
-        raise DataError(f"{study}: damaged; run the study again") from None
 
 
 def shipped() -> Iterator[Path]:
@@ -144,14 +136,16 @@ def _plain(case: Case) -> dict[str, Any]:
     return case.model_dump(mode="json", exclude_none=True)
 
 
-def _scene(case: Mapping[str, Any]) -> dict[str, Any]:
+def _scene(case: Case) -> dict[str, Any]:
     """What flows, and where: all that no numerical setting changes, nor the flow rate, with which velocities scale."""
-    contact = {key: value for key, value in case["contact"].items() if key != "youngs_modulus"}
-    return {"outline": case["outline"], "material": case["material"], "contact": contact}
+    scene = {name: value for name, value in _plain(case).items() if name in ("outline", "material", "contact")}
+    del scene["contact"]["youngs_modulus"]
+    return scene
 
 
-def _settings(studied: Mapping[str, Any], option: Option) -> dict[str, str]:
+def _settings(case: Case, option: Option) -> dict[str, str]:
     """The study's settings and the option's."""
+    studied = _plain(case)
     changes = {f"{group}.{key}": str(studied[group][key]) for group, key in _SETTLED}
     changes |= {"model": studied["model"]} | dict(option.changes)
     changes.pop("dem.seed", None)  # any filling will do
@@ -169,9 +163,10 @@ def _guess(case: Case, tolerance: float, own: Path) -> Chosen:
     """An option of the first study that granpipe brings along whose setting this scene can take over."""
     particles = varied(case, {"model": "dem"})
     for study in shipped():
-        options = [option for option in read_options(study) if option.method == "psi" and option.travel > 0]
+        former = read_study(study)
+        options = [option for option in former.options if option.method == "psi" and option.travel > 0]
         option, proven = _best(options, tolerance, study)
-        model = resolve(_studied(study), Places(study.name), option.changes).case
+        model = varied(former.case, option.changes)
         changes = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
         where = f"of granpipe's study of {study.stem}"
         return Chosen(_changed(case, changes), option, changes, where, proven, guessed=True)

@@ -20,10 +20,11 @@ from granpipe.field import Array, Field, cell_vectors, section_rows
 from granpipe.homogenize.statistics import LEAST_BLOCKS
 from granpipe.pipeline.averages import statistical_errors
 from granpipe.pipeline.dem_stages import finished_productions
+from granpipe.pipeline.provenance import Provenance
 from granpipe.pipeline.run import plan_case
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
-from granpipe.study.budget import Option, Part
+from granpipe.study.budget import Option, Part, Size
 from granpipe.study.fields import PSI, Method, Ran, field_of, methods_of
 from granpipe.study.limit import Slope, fit_slope
 from granpipe.study.scene import Scene
@@ -132,17 +133,25 @@ class Findings:
     rate: float | None
 
 
+@dataclass(frozen=True)
+class Notes:
+    """What ``ladder.json`` tells of the points, by name: their axes, and how long they were expected to take [s]."""
+
+    axes: dict[str, str]
+    forecast_seconds: dict[str, Size]
+
+
 def load_points(folder: Folder, progress: Progress) -> list[Point]:
     """Every finished point, with its segments; nothing is run."""
     store = Store(folder.root.parent / ".store")
-    notes = read_json(folder.root / "ladder.json")
+    notes = read_json(folder.root / "ladder.json", Notes, "run the study again")
     tools = library_versions()
     done = [name for name in folder.variants if folder.is_done(name)]
     found = []
     for number, name in enumerate(done):
         progress.update(number / len(done), name)
-        forecast = notes["forecast_seconds"].get(name)
-        found.append(_point(folder, name, notes["axes"].get(name, ""), forecast, store, tools))
+        forecast = notes.forecast_seconds.get(name)
+        found.append(_point(folder, name, notes.axes.get(name, ""), forecast, store, tools))
     return found
 
 
@@ -157,7 +166,7 @@ def _point(
     cores = max((one.cores for one in runs), default=1)
     seconds = sum(one.seconds(np.inf) for one in runs)
     if ran is None:  # what is not DEM counts as well
-        wall = float(read_json(results / "provenance.json")["wall_seconds"])
+        wall = Provenance.read(results).wall_seconds
         waited = sum(one.wall_seconds for one in runs)
         seconds += wall - waited if wall > waited else wall  # the DEM may have been done before
     return Point(name, axis, folder.variants[name].changes, plan, field, ran, seconds, cores, forecast)

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from granpipe import __version__
+from granpipe.case.reader import resolve
 from granpipe.case.schema import Case
-from granpipe.errors import DataError
+from granpipe.case.yamlfile import Places
+from granpipe.errors import CaseError, DataError
 from granpipe.export.report import Section, duration, markdown, write_page
 from granpipe.planning.plan import Plan
 from granpipe.study.budget import TOLERANCES, Advice, Option, Part, advise, pareto, percent, sure_factor
@@ -74,16 +79,38 @@ def write_study(
     return [root / name for name in ("report.html", "error_time.png", "options.csv", "points.csv", "study.json")]
 
 
-def read_options(study: Path) -> list[Option]:
-    """The options of a study, by its ``study.json``; DataError where there is none."""
-    stored = read_json(study)
+@dataclass(frozen=True)
+class FormerStudy:
+    """What an earlier study found: the case with everything settled, and the options."""
+
+    case: Case
+    options: list[Option]
+
+
+@dataclass(frozen=True)
+class _Stored:
+    """What is read of a ``study.json``."""
+
+    case: dict[str, Any]
+    options: Annotated[list[Option], Field(min_length=1)]
+
+
+def read_study(study: Path) -> FormerStudy:
+    """Read a ``study.json``.
+
+    Raises
+    ------
+    DataError : there is none, it is damaged, or its case is not one of this granpipe
+    """
+    remedy = "run the study again"
+    stored = read_json(study, _Stored, remedy)
+    for option in stored.options:
+        if not {"whole"} <= option.statistical.keys() <= option.systematic.keys():
+            raise DataError(f"{study}: damaged (the errors of {option.point} are not those of the whole); {remedy}")
     try:
-        return [
-            Option(**option | {"systematic": {name: Part(**part) for name, part in option["systematic"].items()}})
-            for option in stored["options"]
-        ]
-    except (KeyError, TypeError) as error:
-        raise DataError(f"{study}: damaged ({error!r}); run the study again") from None
+        return FormerStudy(resolve(stored.case, Places(study.name)).case, stored.options)
+    except CaseError as error:
+        raise DataError(f"{study}: damaged ({error}); {remedy}") from error
 
 
 def study_intro(found: Findings) -> list[str]:

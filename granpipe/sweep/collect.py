@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from granpipe.errors import DataError, GranpipeError
+from granpipe.errors import GranpipeError
+from granpipe.pipeline.provenance import Provenance
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.status import Standing, standings
 from granpipe.sweep.table import Row, draw, longest_axis, write_csv, write_netcdf
-from granpipe.system.jsonfile import read_json
 
 
 @dataclass(frozen=True)
@@ -63,24 +62,13 @@ def _row(folder: Folder, standing: Standing, keys: Sequence[str]) -> Row:
     row: dict[str, str | float] = {"point": standing.name, **{key: changes.get(key, "") for key in keys}}
     row |= {"status": standing.word, "remark": standing.text}
     if standing.word == "done":
-        row |= _measured(folder.points / standing.name / "provenance.json")
+        row |= _measured(folder.points / standing.name)
     return row
 
 
-def _measured(path: Path) -> dict[str, str | float]:
-    try:
-        provenance = read_json(path)
-        gates = [gate["passed"] for gate in provenance["quality"]]
-        found: dict[str, str | float] = {"wall_seconds": provenance["wall_seconds"], "failed_gates": gates.count(False)}
-        found |= {f"quality: {gate['name']}": gate["value"] for gate in provenance["quality"]}
-        return found | dict(_numbers(provenance["figures"]))
-    except (KeyError, TypeError) as error:
-        raise DataError(f"{path}: damaged ({error!r}); delete {path.parent} and run the sweep again") from None
-
-
-def _numbers(figures: dict[str, Any], above: str = "") -> Iterator[tuple[str, float]]:
-    for name, value in figures.items():
-        if isinstance(value, dict):
-            yield from _numbers(value, f"{above}{name}.")
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            yield f"{above}{name}", value
+def _measured(folder: Path) -> dict[str, str | float]:
+    provenance = Provenance.read(folder)
+    gates = provenance.quality
+    found: dict[str, str | float] = {"wall_seconds": provenance.wall_seconds}
+    found["failed_gates"] = sum(not gate.passed for gate in gates)
+    return found | {f"quality: {gate.name}": gate.value for gate in gates} | dict(provenance.numbers)

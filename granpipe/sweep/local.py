@@ -98,7 +98,7 @@ def _attend(folder: Folder, names: Sequence[str], ranks: int) -> Iterator[None]:
             return
         reached = [name for name in left if _attended_by(folder.state(name), process.pid)]
         lost = reached[-1] if reached else left[0]
-        state = folder.state(lost) or State(folder.key(lost))
+        state = folder.state(lost) or State.begins(folder.key(lost))
         if state.phase == "running" or not reached:
             error = f"its process {_how(process.returncode)}; {log} tells more"
             replace(state, phase="failed", error=error).save(folder.state_file(lost))

@@ -10,7 +10,7 @@ import json
 import os
 import socket
 import time
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -48,17 +48,23 @@ class State:
     """
 
     key: str
-    phase: Phase = "running"
-    stage: str = ""
-    fraction: float = 0.0
-    text: str = ""
-    error: str = ""
-    gates: tuple[str, ...] = ()
-    host: str = field(default_factory=socket.gethostname)
-    pid: Annotated[int, Field(gt=0, lt=2**31)] = field(default_factory=os.getpid)
-    job: str = field(default_factory=lambda: os.environ.get(JOB, ""))
-    begun: float = field(default_factory=time.time)
-    updated: float = field(default_factory=time.time)
+    phase: Phase
+    stage: str
+    fraction: float
+    text: str
+    error: str
+    gates: tuple[str, ...]
+    host: str
+    pid: Annotated[int, Field(gt=0, lt=2**31)]
+    job: str
+    begun: float
+    updated: float
+
+    @classmethod
+    def begins(cls, key: str) -> State:
+        """Of a point that this process begins to run."""
+        job, now = os.environ.get(JOB, ""), time.time()
+        return cls(key, "running", "", 0.0, "", "", (), socket.gethostname(), os.getpid(), job, now, now)
 
     def save(self, path: Path) -> None:
         """Write the file, by one rename."""
@@ -91,7 +97,7 @@ class Recorder:
     """Progress that is kept in the file of a point."""
 
     def __init__(self, path: Path, key: str) -> None:
-        self._path, self._state = path, State(key)
+        self._path, self._state = path, State.begins(key)
         self._state.save(path)
 
     def stage(self, name: str, detail: str = "") -> None:

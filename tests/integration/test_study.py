@@ -13,7 +13,7 @@ import pytest
 
 from granpipe.case.reader import load_case
 from granpipe.study.points import make_study
-from granpipe.study.report import read_options
+from granpipe.study.report import read_study
 from granpipe.study.run import prepare_study
 
 SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
@@ -36,7 +36,7 @@ def test_a_study_runs_its_points_and_tells_error_against_time(tmp_path: Path) ->
     first = granpipe(tmp_path)
     assert first.returncode == 0, first.stderr
     folder = tmp_path / "results" / "smoke-study"
-    options = read_options(folder / "study.json")
+    options = read_study(folder / "study.json").options
     points = {option.point for option in options}
     assert points == {"base", "plate_speed-0_052"}  # the slow one is too dear
     assert "left out: plate_speed-0_013" in first.stderr

@@ -16,7 +16,7 @@ from granpipe.study import choice as study_choice
 from granpipe.study.budget import Option, Part
 from granpipe.study.choice import carried_over, choose, shipped
 from granpipe.study.points import make_study
-from granpipe.study.report import read_options
+from granpipe.study.report import read_study
 
 SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
 
@@ -143,14 +143,14 @@ def test_carried_over_settings_are_equal_in_the_measures_of_both_scenes() -> Non
 
 def test_every_study_that_granpipe_brings_along_can_be_read() -> None:
     for study in shipped():
-        assert read_options(study)
+        assert read_study(study).options
 
 
 def test_afterwards_it_says_what_it_got(results: Path) -> None:
     chosen = choose(smoke(), results, 0.11)
     folder = results / "smoke"
     folder.mkdir()
-    provenance = {"wall_seconds": 12.3, "figures": {"statistical_error": {"whole": 0.08}}}
+    provenance = {"wall_seconds": 12.3, "quality": [], "figures": {"statistical_error": {"whole": 0.08}}}
     (folder / "provenance.json").write_text(json.dumps(provenance))
     assert chosen.obtained(folder) == "took 12 s; error 10.0%: 8.0% statistical as measured now, 6.0% from the study"
 
@@ -164,5 +164,5 @@ def test_what_is_marked_and_what_is_set_is_told_before_the_run(results: Path) ->
 def test_a_damaged_study_is_told(tmp_path: Path) -> None:
     (tmp_path / "smoke-study").mkdir()
     (tmp_path / "smoke-study" / "study.json").write_text("{}")
-    with pytest.raises(DataError, match="damaged; run the study again"):
+    with pytest.raises(DataError, match=r"damaged \(case: Field required\); run the study again"):
         choose(smoke(), tmp_path, 0.11)

@@ -5,6 +5,7 @@ import csv
 import json
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -48,7 +49,7 @@ def test_planning_writes_nothing(tmp_path):
 def test_planning_knows_what_is_done_by_the_case_that_is_to_be_run(tmp_path):
     folder, _ = planned(tmp_path, SWEEP)
     with folder.started():
-        State(folder.key("slip"), phase="done").save(folder.state_file("slip"))
+        replace(State.begins(folder.key("slip")), phase="done").save(folder.state_file("slip"))
         (folder.points / "slip").mkdir()
         (folder.points / "slip" / "provenance.json").write_text("{}")
     assert Folder(folder.root).is_done("slip")
@@ -119,7 +120,7 @@ def done_folder(root, values, chart, key="fluid.order"):
         pass
     provenance = {"quality": [], "wall_seconds": 3.0, "figures": {"residual": 1e-9}}
     for name in variants:
-        State(folder.key(name), phase="done").save(folder.state_file(name))
+        replace(State.begins(folder.key(name)), phase="done").save(folder.state_file(name))
         (folder.points / name).mkdir()
         (folder.points / name / "provenance.json").write_text(json.dumps(provenance))
     return folder

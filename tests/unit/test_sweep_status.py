@@ -55,7 +55,7 @@ def queue(monkeypatch):
 
 
 def write(folder, name, **what):
-    state = replace(State(folder.key(name), job=""), **what)
+    state = replace(State.begins(folder.key(name)), **{"job": "", **what})
     state.save(folder.state_file(name))
     if state.phase == "done":
         (folder.points / name).mkdir(parents=True)
@@ -220,7 +220,7 @@ def test_a_damaged_list_of_points_is_refused_with_a_remedy(folder, text):
 def test_a_damaged_list_of_jobs_is_refused_with_a_remedy(folder, text):
     (folder.root / "slurm").mkdir()
     (folder.root / "slurm" / "jobs.json").write_text(text)
-    with pytest.raises(DataError, match=r"jobs\.json: damaged; cancel"):
+    with pytest.raises(DataError, match=r"jobs\.json: damaged \(.*\); cancel"):
         jobs_of(folder)
 
 

@@ -1,0 +1,54 @@
+"""``provenance.json`` of a results folder, as those read it who come after the run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from granpipe.pipeline.gates import Gate
+from granpipe.system.jsonfile import read_json
+
+Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What a run has left of itself.
+
+    Parameters
+    ----------
+    wall_seconds : what it took
+    quality : its gates
+    figures : everything measured, by name
+    """
+
+    wall_seconds: Seconds
+    quality: tuple[Gate, ...]
+    figures: dict[str, Any]
+
+    @classmethod
+    def read(cls, folder: Path) -> Provenance:
+        """That of a results folder.
+
+        Raises
+        ------
+        DataError : there is none, or it is damaged
+        """
+        return read_json(folder / "provenance.json", cls)
+
+    @property
+    def numbers(self) -> Iterator[tuple[str, float]]:
+        """Every figure that is a single number; names of groups stand before it, with a dot."""
+        return _numbers(self.figures)
+
+
+def _numbers(figures: dict[str, Any], above: str = "") -> Iterator[tuple[str, float]]:
+    for name, value in figures.items():
+        if isinstance(value, dict):
+            yield from _numbers(value, f"{above}{name}.")
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield f"{above}{name}", value
