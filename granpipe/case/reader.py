@@ -38,6 +38,17 @@ def read_case(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFil
     return resolve(data, places, overrides, path.parent)
 
 
+def case_of(file: CaseFile) -> Case:
+    """The case alone, which remembers where its keys stand."""
+    file.case._origin = file.places, file.notes
+    return file.case
+
+
+def file_of(case: Case) -> CaseFile:
+    """The file of a case that `case_of` gave; of one made in another way, a file without places."""
+    return CaseFile(case, *(case._origin or (Places("case"),)))
+
+
 def resolve(
     data: dict[str, Any], places: Places, overrides: Mapping[str, str] | None = None, folder: Path = Path()
 ) -> CaseFile:

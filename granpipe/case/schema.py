@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from granpipe.case.units import (
     ANGLE,
@@ -598,6 +598,8 @@ class Fluid(Group):
 
 class Case(Group):
     """A case with every default filled in, in SI."""
+
+    _origin: Any = PrivateAttr(default=None)  # of a case that is handed about alone: see `reader.file_of`
 
     name: Annotated[str, Name()] = Field(description="Name of the case; results go to a folder of this name.")
     outline: OutlineSpec = Field(description="The vessel's inside: half of its section through the axis.")

@@ -5,13 +5,14 @@ No window and no X server: figures are made with matplotlib's Agg canvas, the ve
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granpipe.errors import DataError
 from granpipe.export.nodes import Nodes, nodal_values, triangles
 from granpipe.field import Array, Field, level_flow
 
@@ -41,15 +42,17 @@ def rz_figures(field: Field, wall: Polygon, obstacles: Mapping[str, Polygon], fo
     """
     from matplotlib import rc_context
 
-    figures = {"rz_field.png": _field_figure, "rz_flow.png": _flow_figure}
+    figures = {"rz_field.png": overview, "rz_flow.png": _flow_figure}
     with rc_context(STYLE):
         for name, draw in figures.items():
-            draw(field, np.asarray(wall, dtype=float), obstacles).savefig(folder / name, dpi=DPI)
+            draw(field, wall, obstacles).savefig(folder / name, dpi=DPI)
     return [folder / name for name in figures]
 
 
 def vessel_figure(stl_paths: Sequence[Path], position: Array, radius: Array, velocity: Array, path: Path) -> None:
     """Draw the vessel cut open at y = 0 and the particles behind the cut, by vertical velocity and by radius.
+
+    Velocities are those of the simulation, not those at the flow rate of the process.
 
     Parameters
     ----------
@@ -63,7 +66,7 @@ def vessel_figure(stl_paths: Sequence[Path], position: Array, radius: Array, vel
     behind = position[:, 1] > 0
     unit, factor = readable_unit(_robust(np.linalg.norm(velocity, axis=1)))
     w, size = velocity[behind, 2] * factor, 1e3 * radius[behind]
-    colours = {f"vertical velocity [{unit}]": (w, "viridis", _downward(w))}
+    colours = {f"vertical velocity, simulation [{unit}]": (w, "viridis", _downward(w))}
     if np.ptp(size) > 0:
         colours["particle radius [mm]"] = (size, "cividis", (float(size.min()), float(size.max())))
     images, extent = _rendered(stl_paths, position[behind], radius[behind], list(colours.values()))
@@ -76,32 +79,59 @@ def readable_unit(speed: float) -> tuple[str, float]:
     return next(((unit, factor) for unit, factor in UNITS if speed * factor >= 1), UNITS[-1])
 
 
-def _field_figure(field: Field, wall: Array, obstacles: Mapping[str, Polygon]) -> Figure:
-    """Panels side by side: packing where known, radial and vertical bulk velocity, streamlines."""
-    nodes = nodal_values(field)
-    panels = [_draw_radial, _draw_vertical, _draw_streamlines]
-    if field.packing_fraction is not None:
-        panels.insert(0, _draw_packing)
-    tall, wide = _panel_size(wall)
-    figure, axes = _sheet([wide] * len(panels), tall)
-    for axis, draw in zip(axes, panels, strict=True):
-        draw(axis, field, nodes, wall)
-        _draw_surface(axis, field, nodes)
-        _clip(axis, wall)
-        _draw_vessel(axis, wall, obstacles)
-        _lengths(axis, "r", "z" if axis is axes[0] else "")
+def overview(field: Field, wall: Polygon, obstacles: Mapping[str, Polygon]) -> Figure:
+    """Panels side by side: packing where known, radial and vertical bulk velocity, streamlines.
+
+    Parameters
+    ----------
+    wall : (r, z) of the outer wall from the top down [m]
+    obstacles : closed polygons (r, z) [m] by name
+    """
+    from matplotlib import rc_context
+
+    names = [*(["packing"] if field.packing_fraction is not None else []), "u", "w", "streamlines"]
+    with rc_context(STYLE):
+        tall, wide = _panel_size(np.asarray(wall))
+        figure, axes = _sheet([wide] * len(names), tall)
+        for axis, name in zip(axes, names, strict=True):
+            draw_panel(axis, field, name, wall, obstacles, labelled=axis is axes[0])
     return figure
 
 
-def _flow_figure(field: Field, wall: Array, obstacles: Mapping[str, Polygon]) -> Figure:
+def draw_panel(
+    axis: Axes, field: Field, what: str, wall: Polygon, obstacles: Mapping[str, Polygon], labelled: bool = True
+) -> None:
+    """Draw one quantity at the flow rate of the case, and the vessel round it, into axes of one's own.
+
+    Parameters
+    ----------
+    what : one of `PANELS`
+    labelled : whether the heights are to be written
+
+    Raises
+    ------
+    ValueError : `what` is none of `PANELS`
+    DataError : the field does not have it
+    """
+    if what not in PANELS:
+        raise ValueError(f"{what!r} cannot be drawn; choose one of {', '.join(PANELS)}")
+    nodes, corners = nodal_values(field), np.asarray(wall, dtype=float)
+    PANELS[what](axis, field, nodes, corners)
+    _draw_surface(axis, field, nodes)
+    _clip(axis, corners, float(nodes.r[0]))
+    _draw_vessel(axis, corners, obstacles, nodes)
+    _lengths(axis, "r" if nodes.axial else "x", "z" if labelled else "")
+
+
+def _flow_figure(field: Field, outline: Polygon, obstacles: Mapping[str, Polygon]) -> Figure:
     """The vessel with its solids, and beside it the flow through every level, before and after adjustment."""
-    nodes = nodal_values(field)
+    nodes, wall = nodal_values(field), np.asarray(outline, dtype=float)
     tall, wide = _panel_size(wall)
     figure, (vessel, flows) = _sheet([wide, 3.4], tall)
     vessel.pcolormesh(nodes.r, nodes.z, np.where(nodes.cells, 1.0, np.nan), cmap="Greys", vmin=0, vmax=4)
     _draw_surface(vessel, field, nodes)
-    _clip(vessel, wall)
-    _draw_vessel(vessel, wall, obstacles)
+    _clip(vessel, wall, 0.0)
+    _draw_vessel(vessel, wall, obstacles, nodes)
     _lengths(vessel, "r", "z")
     _draw_flows(flows, field)
     flows.set_ylim(vessel.get_ylim())
@@ -126,14 +156,16 @@ def _sheet(widths: Sequence[float], tall: float) -> tuple[Figure, list[Axes]]:
     return figure, [figure.add_axes(place) for place in places]
 
 
-def _draw_vessel(axis: Axes, wall: Array, obstacles: Mapping[str, Polygon]) -> None:
-    """The outer wall, the obstacles, the axis; equal scales and little else."""
-    r_max, low, high = float(wall[:, 0].max()), float(wall[:, 1].min()), float(wall[:, 1].max())
+def _draw_vessel(axis: Axes, wall: Array, obstacles: Mapping[str, Polygon], nodes: Nodes) -> None:
+    """The outer wall, the obstacles, the axis where there is one; equal scales and little else."""
+    left, r_max = float(nodes.r[0]), float(wall[:, 0].max())
+    low, high = float(wall[:, 1].min()), float(wall[:, 1].max())
     for corners in obstacles.values():
         axis.fill(*np.transpose(corners), facecolor=STONE, edgecolor=INK, linewidth=0.8, zorder=3)
     axis.plot(*wall.T, color=INK, linewidth=1.4, solid_capstyle="round", clip_on=False, zorder=4)
-    axis.plot([0, 0], [low, high], color=INK, linewidth=0.6, linestyle=(0, (8, 3, 1, 3)), clip_on=False, zorder=4)
-    axis.set(aspect="equal", xlim=(0, r_max), ylim=(low, high))
+    if nodes.axial:
+        axis.plot([0, 0], [low, high], color=INK, linewidth=0.6, linestyle=(0, (8, 3, 1, 3)), clip_on=False, zorder=4)
+    axis.set(aspect="equal", xlim=(left, r_max), ylim=(low, high))
 
 
 def _lengths(axis: Axes, across: str, up: str) -> None:
@@ -166,8 +198,11 @@ def _draw_surface(axis: Axes, field: Field, nodes: Nodes) -> None:
 
 
 def _draw_packing(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
-    values = np.where(nodes.cells, np.asarray(field.packing_fraction), np.nan)
-    image = axis.pcolormesh(nodes.r, nodes.z, values, cmap="cividis", vmin=0, vmax=max(0.65, float(np.nanmax(values))))
+    if field.packing_fraction is None:
+        raise DataError("this field has no packing: a fluid knows reference_packing alone")
+    values = np.where(nodes.cells, field.packing_fraction, np.nan)
+    top = max(0.65, _robust(field.packing_fraction[nodes.cells]))
+    image = axis.pcolormesh(nodes.r, nodes.z, values, cmap="cividis", vmin=0, vmax=top)
     _bar(axis, image, "packing fraction", "neither")
 
 
@@ -185,13 +220,20 @@ def _draw_vertical(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     _bar(axis, image, f"vertical velocity [{unit}]", "min")
 
 
+def _draw_speed(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
+    unit, factor = _unit(nodes)
+    speed = np.hypot(nodes.bulk_u, nodes.bulk_w) * factor
+    image = _smooth(axis, nodes, speed, cmap="viridis_r", vmin=0, vmax=_robust(speed[nodes.solids]) or 1.0)
+    _bar(axis, image, f"speed [{unit}]", "max")
+
+
 def _draw_streamlines(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     """Contours of the flow between axis and node, which is −2πψ where the field balances; none crosses a void."""
     from matplotlib.tri import Triangulation
 
     within = np.zeros(nodes.solids.shape)
     within[:, 1:] = -np.cumsum(field.flux_z * field.grid.ring_area, axis=1) / (field.bulk_flow * field.bulk_packing)
-    plug = field.bulk_flow * field.flow_scale / (np.pi * float(wall[:, 0].max()) ** 2)
+    plug = field.bulk_flow * field.flow_scale / (field.inside_fraction @ field.grid.ring_area).max()
     speed = np.hypot(nodes.bulk_u, nodes.bulk_w) / plug
     r, z = np.meshgrid(nodes.r, nodes.z)
     mesh = Triangulation(r.ravel(), z.ravel(), triangles(nodes))
@@ -200,15 +242,25 @@ def _draw_streamlines(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> No
     _key(axis)
 
 
+PANELS: dict[str, Callable[[Axes, Field, Nodes, Array], None]] = {
+    "packing": _draw_packing,
+    "u": _draw_radial,
+    "w": _draw_vertical,
+    "speed": _draw_speed,
+    "streamlines": _draw_streamlines,
+}
+"""What can be drawn on r–z."""
+
+
 def _draw_flows(axis: Axes, field: Field) -> None:
     """Flow of solids through every level as a part of the flow that the plug above the plate carries."""
-    reference = field.bulk_flow * field.bulk_packing
+    reference, flow_rate = field.bulk_flow * field.bulk_packing, field.bulk_flow * field.flow_scale
     z, grid = field.grid.z_edges, field.grid
     axis.axvspan(95, 105, color="#eeeeee", zorder=0, label="± 5 %")
     if field.raw_flux_z is not None:
         axis.plot(100 * level_flow(field.raw_flux_z, grid) / reference, z, color=RED, lw=1, label="plain average")
     axis.plot(100 * level_flow(field.flux_z, grid) / reference, z, color=BLUE, lw=1.6, label="final field")
-    axis.axvline(100, color=INK, linewidth=0.8, linestyle="--", label=f"reference, {reference:.3g} m³/s")
+    axis.axvline(100, color=INK, linewidth=0.8, linestyle="--", label=f"reference, {flow_rate:.3g} m³/s of bulk")
     axis.set_xlabel("flow of solids through level [% of reference]")
     axis.spines[["top", "right"]].set_visible(False)
     axis.tick_params(labelleft=False)
@@ -239,11 +291,11 @@ def _smooth(axis: Axes, nodes: Nodes, values: Array, **colours: Any) -> Any:
     )
 
 
-def _clip(axis: Axes, wall: Array) -> None:
+def _clip(axis: Axes, wall: Array, left: float) -> None:
     """Cut everything drawn so far to the inside of the outer wall."""
     from matplotlib.patches import Polygon as Patch
 
-    closed = np.vstack([[0, wall[0, 1]], wall, [0, wall[-1, 1]]])
+    closed = np.vstack([[left, wall[0, 1]], wall, [left, wall[-1, 1]]])
     for artist in axis.collections:
         artist.set_clip_path(Patch(closed, transform=axis.transData))
 

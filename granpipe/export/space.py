@@ -4,35 +4,44 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from granpipe.export.comsol import Column, spreadsheet, write_lines
 from granpipe.field import Array, Box, Field
 
-
-def write_vtr(field: Field, path: Path) -> None:
-    """Write a rectilinear grid: packing, bulk mask, solids flux and its standard error, bulk and particle velocity."""
+if TYPE_CHECKING:
     import pyvista
 
-    grid = _box(field)
+
+def vtr_mesh(field: Field) -> pyvista.RectilinearGrid:
+    """A rectilinear grid: packing, bulk mask, solids flux, bulk and particle velocity in its cells [m/s]."""
+    import pyvista
+
+    grid = box_of(field)
     mesh = pyvista.RectilinearGrid(grid.r_edges, grid.y_edges, grid.z_edges)
     packing = _packing(field)
-    flux = np.stack(_centred(field), axis=-1)
+    flux = np.stack(cell_fluxes(field), axis=-1)
     mesh.cell_data["packing_fraction"] = packing.ravel()
     mesh.cell_data["bulk"] = field.bulk.astype(np.uint8).ravel()
     mesh.cell_data["solids_flux"] = flux.reshape(-1, 3)
     mesh.cell_data["bulk_velocity"] = flux.reshape(-1, 3) * field.velocity_scale
     mesh.cell_data["particle_velocity"] = _per_solids(flux, packing[..., None]).reshape(-1, 3)
-    mesh.save(path)
+    return mesh
+
+
+def write_vtr(field: Field, path: Path) -> None:
+    """Write ``field.vtr``."""
+    vtr_mesh(field).save(path)
 
 
 def write_text(field: Field, folder: Path, *, name: str, date: datetime) -> None:
     """Write the Spreadsheet format: bulk and particle velocity and packing at the middles of the cells."""
-    grid, packing = _box(field), _packing(field)
+    grid, packing = box_of(field), _packing(field)
     z, y, x = np.meshgrid(*map(_middles, (grid.z_edges, grid.y_edges, grid.r_edges)), indexing="ij")
     columns = []
-    for letter, axis, flux in zip("uvw", "xyz", _centred(field), strict=True):
+    for letter, axis, flux in zip("uvw", "xyz", cell_fluxes(field), strict=True):
         bulk, own = flux * field.velocity_scale, _per_solids(flux, packing)
         columns.append(Column(f"{letter}_bulk", "m/s", f"Bulk velocity along {axis}", bulk))
         columns.append(Column(f"{letter}_particle", "m/s", f"Particle velocity along {axis}", own))
@@ -41,7 +50,8 @@ def write_text(field: Field, folder: Path, *, name: str, date: datetime) -> None
     write_lines(folder / "flow_spreadsheet.txt", lines)
 
 
-def _box(field: Field) -> Box:
+def box_of(field: Field) -> Box:
+    """The grid of a field in space."""
     assert isinstance(field.grid, Box)
     return field.grid
 
@@ -51,7 +61,7 @@ def _packing(field: Field) -> Array:
     return field.packing_fraction
 
 
-def _centred(field: Field) -> tuple[Array, Array, Array]:
+def cell_fluxes(field: Field) -> tuple[Array, Array, Array]:
     """(nz, ny, nx) flux along x, y and z in the middle of the cells: the mean of two faces [m/s]."""
     assert field.flux_y is not None
     x, y, z = field.flux_r, field.flux_y, field.flux_z

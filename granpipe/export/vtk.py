@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 from granpipe.export.nodes import Nodes, nodal_values
 from granpipe.field import Array, Field, Mask
 
+if TYPE_CHECKING:
+    import meshio
+
 Whole = NDArray[np.integer[Any]]
 Data = NDArray[Any]
 
 
-def write_vtu(field: Field, path: Path) -> None:
-    """Write the cells inside the outline as quads in the plane (x, z) = (r, z), so that they lie in the 3-D vessel.
+def vtu_mesh(field: Field) -> meshio.Mesh:
+    """The cells inside the outline as quads in the plane (x, z) = (r, z), so that they lie in the 3-D vessel.
 
     At the flow rate of the case. Cell data: the packing fraction where known, the part inside the outline, the bulk
     mask, and the solids flux through each of the four faces [m/s], which balances exactly as far as the field does.
@@ -29,13 +32,17 @@ def write_vtu(field: Field, path: Path) -> None:
     corners, used = _quads(nodes, inside)
     r, z = np.meshgrid(nodes.r, nodes.z)
     points = np.column_stack([r.ravel(), np.zeros(r.size), z.ravel()])[used]
-    mesh = meshio.Mesh(
+    return meshio.Mesh(
         points,
         [("quad", corners)],
         point_data={name: values.reshape(r.size, -1).squeeze()[used] for name, values in _point_data(nodes).items()},
         cell_data={name: [values[inside]] for name, values in _cell_data(field).items()},
     )
-    mesh.write(path, file_format="vtu")
+
+
+def write_vtu(field: Field, path: Path) -> None:
+    """Write ``field.vtu``."""
+    vtu_mesh(field).write(path, file_format="vtu")
 
 
 def write_fluid_vtu(points: Array, triangles: Whole, u: Array, w: Array, psi: Array, path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granpipe.field import Array, Grid
+from granpipe.field import Array, Grid, Mask
 from granpipe.geometry.contacts import AXIS, WALL, Groups, touching_groups
 from granpipe.geometry.edges import Edges, Side
 from granpipe.geometry.polyline import signed_area
@@ -127,6 +127,17 @@ class Outline:
                 free.append((reached, r0))
             reached = max(reached, r1)
         return free
+
+    def contains(self, r: Array, z: Array) -> Mask:
+        """(n,) whether points r, z [m] lie in the vessel or on its walls, and in no obstacle."""
+        import shapely
+
+        (top, bottom), axis = self.wall[[0, -1], 1], 0.0
+        vessel = shapely.Polygon([(axis, top), *self.wall, (axis, bottom)]).buffer(self.tolerance)
+        inside = shapely.intersects_xy(vessel, r, z) & (np.asarray(r) >= 0)
+        for corners in self.obstacles.values():
+            inside &= ~shapely.contains_xy(shapely.Polygon(corners).buffer(-self.tolerance), r, z)
+        return np.asarray(inside)
 
     def volume(self) -> float:
         """Free volume between inlet and outlet [m³], by Pappus' theorem on every edge."""

@@ -30,6 +30,7 @@ ROOMS: dict[str, set[str]] = {
     "analysis": set(),
     "planning": {"case", "system", "geometry", "dem"},
     "pipeline": {"case", "system", "geometry", "dem", "homogenize", "fluid", "export", "analysis", "planning"},
+    "api": {"case", "system", "geometry", "export", "pipeline", "console"},
     "sweep": {"case", "system", "pipeline"},
     "study": {"case", "system", "geometry", "dem", "homogenize", "fluid", "export", "analysis", "planning", "pipeline",
               "sweep"},

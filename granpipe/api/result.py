@@ -1,0 +1,134 @@
+"""Cases run and results opened from Python."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal
+
+from granpipe.api.flow import Flow, SpaceFlow
+from granpipe.case.reader import case_of, file_of, read_case
+from granpipe.case.schema import Case
+from granpipe.errors import DataError
+from granpipe.field import Field
+from granpipe.geometry.outline import Outline
+from granpipe.pipeline.gates import Gate
+from granpipe.progress import Progress, Silent
+from granpipe.system.jsonfile import read_json
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result:
+    """What a run left in a results folder.
+
+    Parameters
+    ----------
+    folder : the results folder
+    case : the case with every default filled in; None where dumps were averaged without one
+    field : the flow at the flow rate of the process; a `SpaceFlow` where dumps were averaged in space
+    model : ``"dem"``, ``"fluid"`` or ``"hybrid"``; None where nothing was run
+    gates : quality gates: measured figures with their limits
+    figures : what else was measured, by name, as in ``provenance.json``
+    """
+
+    folder: Path
+    case: Case | None
+    field: Flow | SpaceFlow
+    model: str | None
+    gates: tuple[Gate, ...]
+    figures: Mapping[str, Any]
+
+    @property
+    def failed(self) -> tuple[Gate, ...]:
+        """The gates that failed."""
+        return tuple(gate for gate in self.gates if not gate.passed)
+
+    @property
+    def marked(self) -> bool:
+        """Whether a quality gate failed: the field is there, and not to be trusted without a look at `failed`."""
+        return bool(self.failed)
+
+    def __repr__(self) -> str:
+        name = self.folder.name if self.case is None else self.case.name
+        quality = f"MARKED: {'; '.join(map(str, self.failed))}" if self.marked else "no quality gate failed"
+        return f"<Result {name}: {self.model}, {quality}>" if self.model else f"<Result {name}>"
+
+    def _repr_png_(self) -> bytes | None:
+        """The picture that a notebook shows."""
+        return self.field._repr_png_() if isinstance(self.field, Flow) else None
+
+
+def load_case(path: str | PathLike[str], overrides: Mapping[str, Any] | None = None) -> Case:
+    """Read a case file.
+
+    Parameters
+    ----------
+    overrides : dotted keys and their values, as with ``--set``: ``{"dem.seed": 2, "dem.max_time": "8 s"}``. Text is
+        read as in the case file; numbers are SI
+
+    Raises
+    ------
+    CaseError : what is wrong with the file or with an override, where, and what to do
+    """
+    return case_of(read_case(Path(path), {key: _as_text(value) for key, value in (overrides or {}).items()}))
+
+
+def run(
+    case: Case, results: str | PathLike[str] = "results", progress: Progress | Literal["console"] | None = "console"
+) -> Result:
+    """Run a case, as ``granpipe run`` does: the same stages, store and errors; what is done is not repeated.
+
+    The result comes back also where a quality gate failed: look at `Result.marked`.
+
+    Parameters
+    ----------
+    results : folder of all results; that of the case is made in it
+    progress : who is told; unless given, standard error. None: nobody
+
+    Raises
+    ------
+    CaseError : the case is wrong, or asks for what this machine cannot do
+    MeshError, RunError, SolveError, DataError : a program failed, and how
+    """
+    from granpipe.console import Console
+    from granpipe.pipeline.run import run_case
+
+    with Console() if progress == "console" else nullcontext(progress or Silent()) as told:
+        outcome = run_case(file_of(case), Path(results), told)
+    return load_result(outcome.folder)
+
+
+def load_result(folder: str | PathLike[str]) -> Result:
+    """Open a results folder: of ``granpipe run``, of a point of a sweep, of ``scale`` or of ``homogenize``.
+
+    Raises
+    ------
+    DataError : it is not one, or is damaged
+    """
+    folder = Path(folder)
+    stored = Field.load(folder / "field.npz")
+    case = read_case(folder / "case.yaml").case if (folder / "case.yaml").is_file() else None
+    space = len(stored.grid.shape) == 3
+    field = SpaceFlow(stored) if space else Flow(stored, None if case is None else Outline.from_case(case))
+    if not (folder / "provenance.json").is_file():
+        return Result(folder, case, field, None, (), {})
+    provenance, plan = read_json(folder / "provenance.json"), read_json(folder / "plan.json")
+    try:
+        gates = tuple(Gate(**gate) for gate in provenance["quality"])
+        return Result(folder, case, field, plan["model"], gates, provenance["figures"])
+    except (KeyError, TypeError) as error:
+        raise DataError(f"{folder}: damaged ({error!r}); delete it and run again") from None
+
+
+def _as_text(value: Any) -> str:
+    """A value as YAML text."""
+    return value if isinstance(value, str) else json.dumps(value, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    """What numpy's scalars and arrays hold; paths as text."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
