@@ -291,13 +291,11 @@ def _closed(opening: Opening) -> str:
         return "widen it: there is no other way"
     width = opening.r_outer - opening.r_inner
     if math.isclose(width, opening.gap, rel_tol=1e-3) or opening.r_inner == 0:
-        return (
-            f"should the two sides touch? then move the points at r = {opening.r_outer:.6g} m to "
-            f"r = {opening.r_inner:.6g} m, or the other way round"
-        )
-    return (
-        f"should the two sides touch? then draw them with a common point near [{opening.r_inner:.6g}, {opening.z:.6g}]"
-    )
+        inner, outer = f"r = {opening.r_inner:.6g} m", f"r = {opening.r_outer:.6g} m"
+        move = f"{outer} to {inner}" if opening.r_inner == 0 else f"{inner} to {outer}"
+        return f"should the two sides touch? then move the points at {move}"
+    near = f"[{opening.r_inner:.6g}, {opening.z:.6g}] (in m)"
+    return f"should the two sides touch? then draw them with a common point near {near}"
 
 
 def _size_ratio(classes: SizeClasses) -> Decision:

@@ -17,6 +17,7 @@ from granpipe.dem.sizes import size_classes
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.field import Box, Field, Grid, Mask, level_flow
+from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import enclosed
 from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard_errors
@@ -39,6 +40,7 @@ from granpipe.pipeline.dump_survey import JUMP, Survey, survey
 from granpipe.pipeline.dump_window import Request, window
 from granpipe.pipeline.extra_fields import ExtraSums, with_derived
 from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, lean_gate, run_notes, upward_gate
+from granpipe.planning.flow import check_flow_rate
 
 _SEGMENTS = 40
 _MOST_THROUGH_SIDES = 0.01  # of the flow
@@ -111,6 +113,7 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     if frame.z is not None:
         raise DataError("the outline of the case gives the range of z: leave out --z or --case")
     outline = Outline.from_case(case)
+    flow_notes = check_flow_rate(case, outline, find_openings(outline))
     grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, frame.cell)
     summed = _extra_sums(case, outline)
     found = survey(request, (outline.z_bottom, outline.z_top), _inside(outline))
@@ -125,7 +128,8 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     gates = [*frame_marks, *time_gate(found), *_average_gates(case, averaged, parts, found.diameter, figures)]
     gates += [*solids_gate(found, held_solids(field), frame), PACKING.gate(field.bulk_packing)]
     figures |= {"largest_packing": densest, "solids_outside_the_walls": outside}
-    return _told(field, case.homogenize.method, gates, found, collector, figures)
+    told = _told(field, case.homogenize.method, gates, found, collector, figures)
+    return replace(told, notes=(*flow_notes, *told.notes))
 
 
 def _inside(outline: Outline) -> Callable[[Snapshot], Mask]:

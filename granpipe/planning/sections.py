@@ -110,14 +110,7 @@ def _need(case: Case, outline: Outline, section: Section, floors: list[Floor], a
 
 def _objection(outline: Outline, section: Section, floors: list[Floor]) -> tuple[str, Floor | None]:
     """Why a fluid does not describe a section, as far as its shape tells, and the floor in it."""
-    floor = next(
-        (
-            one
-            for one in floors
-            if one.z_bottom < section.z_top - outline.tolerance and one.reach > section.z_bottom + outline.tolerance
-        ),
-        None,
-    )
+    floor = next((one for one in floors if _disturbs(one, outline, section)), None)
     certain = floor if floor is not None and floor.certain else None
     for obstacle, polygon in outline.obstacles.items():
         if polygon[:, 1].min() < section.z_top and polygon[:, 1].max() > section.z_bottom:
@@ -131,6 +124,13 @@ def _objection(outline: Outline, section: Section, floors: list[Floor]) -> tuple
         where = f"; they flow in a funnel up to z = {floor.reach:.4g} m"
         return f"solids rest on {floor.text}{where}", certain
     return "", None
+
+
+def _disturbs(floor: Floor, outline: Outline, section: Section) -> bool:
+    """Whether a floor lies in or below a section that its funnel reaches; a ledge at the inlet lies in the first."""
+    at_inlet = min(floor.z_bottom, section.z_top) >= outline.z_top - outline.tolerance
+    below = floor.z_bottom < section.z_top - outline.tolerance
+    return (below or at_inlet) and floor.reach > section.z_bottom + outline.tolerance
 
 
 def _levels(outline: Outline, section: Section) -> list[float]:

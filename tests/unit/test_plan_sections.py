@@ -89,6 +89,13 @@ def test_a_flat_bottom_is_refused_as_a_fluid_at_its_place_in_the_file() -> None:
         assert refusal.value.key == ("outline", "sections", "a", "model")
 
 
+def test_a_ledge_at_the_inlet_or_at_the_outlet_is_seen() -> None:
+    for wall in ("[[90, 110], [60, 110], [60, 0]]", "[[90, 110], [90, 0], [24, 0]]"):
+        assert plan_of(wall, dem__max_time="100 s").model == "dem"
+        with pytest.raises(CaseError, match="solids rest on the ledge"):
+            plan_of(wall, model="fluid")
+
+
 def test_a_section_more_than_a_diameter_above_a_floor_is_a_plug() -> None:
     tall = "[[90, 700], [90, 0], [24, 0], [24, -6]]"
     plan = plan_of(tall, model="hybrid", outline__sections="{a: [700, 180], b: [180, 0], c: [0, -6]}",
@@ -225,7 +232,7 @@ def test_a_gap_that_no_particle_passes_asks_whether_it_should_touch(model: str) 
     sections = "{a: [400, 300], b: [300, 150], c: [150, 0]}"
     kind = {"model": model, "dem__max_time": "100 s", "outline__sections": sections}
     with pytest.raises(
-        CaseError, match=r"no particle passes it.* move the points at r = 0\.09 m to r = 0\.089 m"
+        CaseError, match=r"no particle passes it.* move the points at r = 0\.089 m to r = 0\.09 m"
     ) as no:
         plan_of("[[90, 400], [90, 0]]", outline__obstacles=RING % (89, 89), **kind)
     assert no.value.key == ("outline", "obstacles", "ring")
