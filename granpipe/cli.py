@@ -297,12 +297,10 @@ def clean(results: Path) -> None:
     if not store.is_dir():
         click.echo(f"nothing to do: {store} does not exist")
         return
-    freed, kept = Store(store).clear()
+    freed, foreign = Store(store).clear()
     click.echo(f"freed {freed / 1e6:.1f} MB; the next run starts from the beginning")
-    for why in kept:
-        click.echo(f"kept {why}", err=True)
-    if kept:
-        sys.exit(GranpipeError.exit_status)
+    for folder in foreign:
+        click.echo(f"kept {folder}: granpipe has not written it", err=True)
 
 
 @main.command()
@@ -336,7 +334,10 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     from granpipe.analysis.compare import difference_table
     from granpipe.dem.sizes import size_classes
     from granpipe.field import Field
+    from granpipe.system.manifest import verify
 
+    verify(one, "field.npz", "case.yaml")
+    verify(other, "field.npz")
     fields = Field.load(one / "field.npz"), Field.load(other / "field.npz")
     case = _read_result(one).case
     diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor

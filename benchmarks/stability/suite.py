@@ -33,7 +33,8 @@ from granpipe.pipeline.dem_stages import compose_deck, make_walls
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Progress, Silent
 from granpipe.system.pool import Task, run_together
-from granpipe.system.store import Store, publishing
+from granpipe.system.publish import publishing
+from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 from stability.page import Similar, draw_map, page
 from stability.rows import Judged, Row, Truth, Verdict, flow_truth, rest_truth

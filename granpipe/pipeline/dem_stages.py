@@ -26,12 +26,13 @@ from granpipe.geometry.walls import build_walls
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import Criterion, RunningAverage
 from granpipe.pipeline.extra_fields import ExtraSums
-from granpipe.pipeline.production import Production, ProductionRun, copy_walls, limits_of, write_hashes
+from granpipe.pipeline.production import Production, ProductionRun, copy_walls, limits_of
 from granpipe.planning.plan import Plan
 from granpipe.progress import Silent
+from granpipe.system.files import digest
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.pool import Task, run_together
-from granpipe.system.store import Store, digest, evidence_kept, key_of
+from granpipe.system.store import Store, evidence_kept, key_of
 
 REPOSE = np.radians(30)
 """Angle of repose that limits where filling can reach; only the first bed depends on it."""
@@ -67,10 +68,13 @@ def finished_productions(plan: Plan, store: Store, versions: Mapping[str, str]) 
     ------
     DataError : the store does not hold them any more
     """
-    walls = store.folder("walls", _walls_key(plan, versions))
-    if walls.is_dir():
+    key = _walls_key(plan, versions)
+    if store.has("walls", key):
         context = Context(store, versions, Silent(), plan.dem.ranks)
+        walls = store.folder("walls", key)
         replicas = [_Replica(number, plan, walls, context) for number in range(plan.case.dem.replicas)]
+        if any(replica.production_run.damaged for replica in replicas):
+            raise DataError(f"{store.root}: the segments of {plan.case.name} are damaged; run it again")
         if found := tuple(replica.production() for replica in replicas if replica.production_run.published()):
             return found
     raise DataError(f"{store.root}: the stages of {plan.case.name} are not there any more; run it again")
@@ -158,6 +162,7 @@ class _Replica:
             average.evaluate()
             if self.production_run.complete or average.reached:
                 return
+            self.store.begin("produce", self.produce_key)
             yield from self.production_run.run(self.walls, average, self.name("produce"), self.progress)
 
     def production(self) -> Production:
@@ -195,7 +200,6 @@ class _Replica:
             "ranks": settings.ranks,
         }
         write_json(folder / "settle.json", _settle_report(status, bed, self.deck) | spent)
-        write_hashes(folder, "settled.bin", "settled.restart")
         for path in folder.glob("*.stl"):
             path.unlink()
 
@@ -232,4 +236,4 @@ def _settle_report(status: Status, bed: Snapshot, deck: Deck) -> dict[str, Any]:
 
 
 def _found(store: Store, stage: str, key: str) -> str:
-    return "done before" if store.folder(stage, key).is_dir() else ""
+    return "done before" if store.has(stage, key) else ""

@@ -29,8 +29,11 @@ from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.health_limits import flow_limits
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress, duration_text
+from granpipe.system.files import check_space, remove_leftovers
 from granpipe.system.jsonfile import read_json, write_json
-from granpipe.system.store import check_space, digest, evidence_kept, publishing, sweep
+from granpipe.system.manifest import is_unchanged, is_whole, read_manifest, verify
+from granpipe.system.publish import publishing
+from granpipe.system.store import evidence_kept
 
 _LASTING = ("sums.npz", "segment.json")
 _TO_RESUME = ("restart", "snapshot.bin")
@@ -90,19 +93,27 @@ class ProductionRun:
     def __init__(self, folder: Path, plan: Plan, settled: Path, deck: Deck, number: int = 0) -> None:
         self.folder, self.plan, self.settled, self.deck, self.number = folder, plan, settled, deck, number
         self.settings = plan.dem
-        self._whole: set[Path] = set()
+        self._whole: set[tuple[Path, tuple[str, ...]]] = set()
 
     def published(self) -> list[Path]:
         """Folders of the segments that are done, in order, up to the first that is missing or damaged."""
         found: list[Path] = []
-        while len(found) < self.settings.segments and self._has_sums(path := self._segment(len(found) + 1)):
+        while len(found) < self.settings.segments and self._has(path := self._segment(len(found) + 1), _LASTING):
             found.append(path)
+        while found and not self._has(found[-1], ("snapshot.bin",)):  # pictures and figures are made from the last one
+            found.pop()
         return found
 
-    def _has_sums(self, segment: Path) -> bool:
-        if segment not in self._whole and all(is_whole(segment, name) for name in _LASTING):
-            self._whole.add(segment)
-        return segment in self._whole
+    def _has(self, segment: Path, names: tuple[str, ...]) -> bool:
+        """Whether files of a segment are as they were published; each is read once."""
+        if (segment, names) not in self._whole and is_whole(segment, names):
+            self._whole.add((segment, names))
+        return (segment, names) in self._whole
+
+    @property
+    def damaged(self) -> bool:
+        """Whether there are more segments than are whole."""
+        return len(list(self.folder.glob("segment-*"))) > len(self.published())
 
     @property
     def complete(self) -> bool:
@@ -149,18 +160,16 @@ class ProductionRun:
 
     def _resume_point(self) -> tuple[int, Path, Snapshot]:
         """Number of segments to build on, restart file and particles after them; what comes later is dropped."""
-        whole = [segment for segment in self.published() if all(is_whole(segment, name) for name in _TO_RESUME)]
+        whole = [segment for segment in self.published() if is_whole(segment, _TO_RESUME)]
         done = int(whole[-1].name[-5:]) if whole else 0
         for segment in self.folder.glob("segment-*"):
             if int(segment.name[-5:]) > done:
                 shutil.rmtree(segment)
-                self._whole.discard(segment)
-        sweep(self.folder / "segment-*")
+                self._whole = {(path, names) for path, names in self._whole if path != segment}
+        remove_leftovers(self.folder / "segment-*")
         if done:
             return done, whole[-1] / "restart", read_snapshot(whole[-1] / "snapshot.bin", DUMP_COLUMNS)
-        for name in ("settled.restart", "settled.bin"):
-            if not is_whole(self.settled, name):
-                raise DataError(f"{self.settled / name}: damaged; delete {self.settled} and run again")
+        verify(self.settled, "settled.restart", "settled.bin")
         return 0, self.settled / "settled.restart", read_snapshot(self.settled / "settled.bin", DUMP_COLUMNS)
 
     def _health(self, bed: Snapshot) -> FlowHealth:
@@ -179,7 +188,6 @@ class ProductionRun:
             restart.replace(folder / "restart")
             shutil.copyfile(snapshot, folder / "snapshot.bin")
             write_json(folder / "segment.json", report)
-            write_hashes(folder, *_LASTING, *_TO_RESUME)
         if number > _KEPT_RESTARTS:
             old = self._segment(number - _KEPT_RESTARTS)
             for name in _TO_RESUME:
@@ -324,22 +332,10 @@ def limits_of(deck: Deck, plan: Plan, steps: int) -> Limits:
     return Limits.of(settings.particles, settings.ranks, steps, deck.thermo_every * settings.particles / RATE)
 
 
-def write_hashes(folder: Path, *names: str) -> None:
-    """Note size and SHA-256 of files in ``hashes.json`` beside them."""
-    hashes = {name: [(folder / name).stat().st_size, digest(folder / name)] for name in names}
-    write_json(folder / "hashes.json", hashes)
-
-
-def is_whole(folder: Path, name: str) -> bool:
-    """Whether a file is there and as it was when its hash was noted."""
-    path = folder / name
-    try:
-        size, sha256 = read_json(folder / "hashes.json")[name]
-        return bool(path.stat().st_size == size > 0 and digest(path) == sha256)
-    except (DataError, OSError, KeyError):
-        return False
-
-
 def copy_walls(walls: Path, folder: Path) -> None:
-    for path in walls.glob("*.stl"):
-        shutil.copyfile(path, folder / path.name)
+    """Copy the STL files of a vessel; DataError where a copy is not what was made."""
+    for name, sha256 in read_manifest(walls).items():
+        if name.endswith(".stl"):
+            shutil.copyfile(walls / name, folder / name)
+            if not is_unchanged(folder / name, sha256):
+                raise DataError(f"{walls / name}: damaged; run again: it is made anew")

@@ -1,31 +1,30 @@
-"""The results folder of a case: everything a user takes away, built aside and renamed into place."""
+"""The results folder of a case: everything that a user takes away. What the user puts there stays."""
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granpipe import __version__
+from granpipe.case.reader import CaseFile
 from granpipe.case.schema import Case
-from granpipe.errors import RunError
+from granpipe.errors import DataError, RunError
 from granpipe.export.report import write_run_report
 from granpipe.field import Field
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Plan
-from granpipe.system.jsonfile import write_json
+from granpipe.system.jsonfile import read_json, write_json
+from granpipe.system.manifest import has_manifest, is_whole
+from granpipe.system.publish import renewing
 from granpipe.system.rates import known_rates
-from granpipe.system.store import key_of, publishing
-
-if TYPE_CHECKING:
-    pass
+from granpipe.system.store import key_of
 
 _VERSION = 1
 
@@ -37,37 +36,82 @@ def results_key(case: Case, versions: Mapping[str, str]) -> str:
 
 
 def is_current(folder: Path, key: str) -> tuple[Gate, ...] | None:
-    """The failed gates of results that are there already and belong to this key; None if they are to be made."""
+    """The failed gates of results that are whole and belong to this key; None if they are to be made."""
     try:
-        provenance = json.loads((folder / "provenance.json").read_text())
-        whole = all((folder / name).exists() for name in provenance["files"])
+        provenance = read_json(folder / "provenance.json")
         gates = [Gate(**gate) for gate in provenance["quality"]]
-    except (OSError, ValueError, KeyError, TypeError):
+    except (DataError, KeyError, TypeError):
         return None
-    return tuple(gate for gate in gates if not gate.passed) if whole and provenance["key"] == key else None
+    current = provenance["key"] == key and is_whole(folder)
+    return tuple(gate for gate in gates if not gate.passed) if current else None
 
 
-def check_folder(folder: Path) -> None:
-    """RunError where results cannot be put into a folder; asked before the work and not after it."""
+def check_folder(folder: Path, file: CaseFile) -> None:
+    """Make sure that the results of a case may go into a folder; asked before the work and not after it.
+
+    Raises
+    ------
+    RunError : it holds something else, or the results of another case, or cannot be written
+    """
     try:
-        foreign = folder.exists() and not (folder / "provenance.json").exists() and any(folder.iterdir())
+        names = {path.name for path in folder.iterdir()} if folder.exists() else set()
     except NotADirectoryError:
-        foreign = True
-    if foreign:
+        raise RunError(f"{folder} is a file; move it away or choose another --results") from None
+    unfinished = all(name.startswith(".granpipe.") for name in names)
+    if not unfinished and "provenance.json" not in names and not has_manifest(folder):
         raise RunError(f"{folder} exists and is not granpipe's; move it away or choose another --results")
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not there.is_dir():
         raise RunError(f"{there} is a file; move it away or choose another --results")
     if not os.access(there, os.W_OK):
         raise RunError(f"{there}: not writable; choose another folder with --results")
+    if (other := _other_case(folder, file)) is not None:
+        raise RunError(
+            f"{folder} holds the results of another case of this name, {other}; change `name` in {file.places.file}, "
+            f"choose another --results, or move {folder} away"
+        )
+
+
+def case_origin(file: CaseFile) -> dict[str, str]:
+    """What tells a case from another one of the same name: where its file is, and its outline."""
+    path = Path(file.places.file)
+    outline = file.case.outline.model_dump(mode="json")
+    return {"file": str(path.resolve()) if path.is_file() else "", "outline": key_of("outline", 1, outline)}
+
+
+def _other_case(folder: Path, file: CaseFile) -> str | None:
+    """The file of the other case whose results are in a folder; None where they are of this one.
+
+    A case whose keys are changed goes on, and so does one whose file was moved, unless its outline changed as well.
+    """
+    try:
+        there = read_json(folder / "provenance.json")["origin"]
+        path, outline = str(there["file"]), there["outline"]
+    except (DataError, KeyError, TypeError):
+        return None
+    ours = case_origin(file)
+    if path == ours["file"] or (outline == ours["outline"] and not Path(path).is_file()):
+        return None
+    return path or "of another outline"
 
 
 def write_results(
-    folder: Path, plan: Plan, made: ModelResult, key: str, versions: Mapping[str, str], begun: float
+    folder: Path,
+    plan: Plan,
+    made: ModelResult,
+    provenance: Mapping[str, Any],
+    begun: float,
+    note: Callable[[str], None],
 ) -> tuple[Gate, ...]:
-    """Write everything; return the gates that failed."""
-    check_folder(folder)
-    with publishing(folder) as aside:
+    """Write everything; return the gates that failed.
+
+    Parameters
+    ----------
+    provenance : what is known of the run beforehand: key, versions, origin of the case
+    begun : when it began [s, monotonic]
+    note : is told which files were kept aside because somebody had changed them
+    """
+    with renewing(folder, note) as aside:
         (aside / "case.yaml").write_text(plan.case.to_yaml())
         write_json(aside / "plan.json", plan_summary(plan))
         made.field.save(aside / "field.npz")
@@ -75,19 +119,17 @@ def write_results(
         _fluid_mesh(aside, plan, made)
         _figures(aside, plan, made)
         _logs(aside, made)
-        provenance = {
-            "key": key,
+        record = {
             "case": plan.case.name,
             "made": datetime.now().astimezone().isoformat(timespec="seconds"),
             "granpipe": __version__,
-            "versions": versions,
+            **provenance,
             "wall_seconds": round(time.monotonic() - begun, 2),
             "forecast_seconds": round(forecast(plan, known_rates()), 2),
             **_record(plan if plan.model == "dem" else None, made),
             "submodels": {name: _record(plan.submodel(name), submodel) for name, submodel in made.submodels.items()},
-            "files": sorted(str(path.relative_to(aside)) for path in aside.rglob("*") if path.is_file()),
         }
-        write_json(aside / "provenance.json", provenance)
+        write_json(aside / "provenance.json", record)
         write_run_report(aside)
     return tuple(gate for gate in made.gates if not gate.passed)
 

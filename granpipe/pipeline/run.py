@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,11 +14,14 @@ from granpipe.errors import CaseError
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
-from granpipe.pipeline.results import check_folder, is_current, results_key, write_results
+from granpipe.pipeline.results import case_origin, check_folder, is_current, results_key, write_results
 from granpipe.planning.plan import Model, Plan, make_plan
 from granpipe.progress import Progress
 from granpipe.system.cores import usable_cores
-from granpipe.system.store import Store, digest
+from granpipe.system.files import digest
+from granpipe.system.locks import Owner, locked
+from granpipe.system.publish import lock_file
+from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 
 
@@ -46,21 +50,39 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
     begun = time.monotonic()
     folder, store, cores = results / file.case.name, store or Store(results / ".store"), usable_cores()
     plan = plan_case(file, cores)
+    with store.in_use(), _alone(folder, store):
+        return _run(file, plan, folder, Context(store, _versions(file, plan, store), progress, cores), begun)
+
+
+def _alone(folder: Path, store: Store) -> AbstractContextManager[None]:
+    """Keep other processes off a results folder."""
+
+    def busy(owner: Owner) -> str:
+        return f"another granpipe ({owner}) is running {folder.name} into {folder}; wait for it, or stop it"
+
+    return locked(lock_file(folder), busy, store.waiting)
+
+
+def _versions(file: CaseFile, plan: Plan, store: Store) -> dict[str, str]:
+    """What the results depend on beside the case."""
     versions = library_versions()
     if plan.runs:
         versions |= program_versions(store.root / "programs.json")
     if (known := file.case.fluid.known_field) is not None and plan.model == "hybrid":
         versions["known field"] = _digest(file, known)
-    key = results_key(file.case, versions)
+    return versions
+
+
+def _run(file: CaseFile, plan: Plan, folder: Path, context: Context, begun: float) -> Outcome:
+    key = results_key(file.case, context.versions)
+    check_folder(folder, file)
     if (failed := is_current(folder, key)) is not None:
         return Outcome(folder, failed, made=False)
-    check_folder(folder)
     for warning in plan.warnings:
-        progress.note(f"note: {warning}")
-    context = Context(store, versions, progress, cores)
+        context.progress.note(f"note: {warning}")
     try:
         if plan.runs:
-            _require_cores(plan, cores)
+            _require_cores(plan, context.cores)
             _require_programs(plan)
             plan = _with_checked_stiffness(plan, context)
         made = _ROUTES[plan.model](plan, context)
@@ -69,9 +91,10 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
     if file.case.homogenize.fields:
         made = _with_derived(made, file.case.homogenize.fields)
     for note in made.notes:
-        progress.note(f"note: {note}")
-    progress.stage("results")
-    failed = write_results(folder, plan, made, key, versions, begun)
+        context.progress.note(f"note: {note}")
+    context.progress.stage("results")
+    provenance = {"key": key, "versions": context.versions, "origin": case_origin(file)}
+    failed = write_results(folder, plan, made, provenance, begun, context.progress.note)
     return Outcome(folder, failed)
 
 

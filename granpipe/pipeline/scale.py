@@ -6,13 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from granpipe.case.schema import MOST_PACKING, Case
-from granpipe.errors import DataError, RunError
+from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.pipeline.results import write_exports
 from granpipe.planning.flow import check_flow_rate, target_flow
-from granpipe.system.store import publishing
+from granpipe.system.manifest import verify
+from granpipe.system.publish import publishing_new
 
 
 def scale_results(source: Path, case: Case, target: Path) -> str:
@@ -24,11 +25,10 @@ def scale_results(source: Path, case: Case, target: Path) -> str:
     Raises
     ------
     RunError : `target` exists
-    DataError : the results do not know the packing of the bulk, so that they tell no mass flow
+    DataError : the results are damaged or changed, or do not know the packing of the bulk, so that they tell no mass flow
     CaseError : the flow rate is above the free discharge through an opening
     """
-    if target.exists():
-        raise RunError(f"{target} exists already; choose another --out")
+    verify(source, "field.npz", "case.yaml")
     field = Field.load(source / "field.npz")
     packing = field.bulk_packing
     if packing > MOST_PACKING:
@@ -39,7 +39,7 @@ def scale_results(source: Path, case: Case, target: Path) -> str:
     outline = Outline.from_case(case)
     notes = check_flow_rate(case, outline, find_openings(outline), packing)
     scaled = replace(field, flow_scale=target_flow(case, packing) / field.bulk_flow)
-    with publishing(target) as folder:
+    with publishing_new(target) as folder:
         (folder / "case.yaml").write_text(case.to_yaml())
         scaled.save(folder / "field.npz")
         write_exports(scaled, case, folder)

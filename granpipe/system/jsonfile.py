@@ -10,6 +10,7 @@ from typing import Any, TypeVar, overload
 from pydantic import TypeAdapter, ValidationError
 
 from granpipe.errors import DataError
+from granpipe.system.files import write_whole
 from granpipe.system.reading import read_bytes, reason
 
 T = TypeVar("T")
@@ -42,8 +43,9 @@ def read_json(path: Path, kind: Any = dict[str, Any], remedy: str = "") -> Any:
 
 
 def write_json(path: Path, data: dict[str, Any]) -> None:
-    """Indented, readable."""
-    path.write_text(json.dumps(data, indent=2, ensure_ascii=False) + "\n")
+    """Indented, readable; by one rename."""
+    write_whole(path, json.dumps(data, indent=2, ensure_ascii=False) + "
+")
 
 
 @cache

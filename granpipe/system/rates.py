@@ -17,6 +17,8 @@ from granpipe.system.jsonfile import read_json
 
 Rate = Annotated[float, Field(gt=0, lt=1e15, allow_inf_nan=False)]
 
+from granpipe.system.files import write_whole
+
 _FILE = "rates.json"
 
 RANK_GAIN = 0.9
@@ -65,9 +67,7 @@ def keep_rates(by_ranks: dict[int, float]) -> Rates:
     known = _stored(path) | {machine(): rates}
     stored = {name: {"made": one.made, "rates": one.by_ranks} for name, one in known.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
-    aside.write_text(json.dumps(stored, indent=1))
-    aside.replace(path)
+    write_whole(path, json.dumps(stored, indent=1))
     return rates
 
 

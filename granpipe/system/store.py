@@ -1,38 +1,34 @@
-"""The store of finished stages: content keys, temporary folders, publishing by one rename, locks.
+"""The store of finished stages: content keys, folders that appear by one rename, locks.
 
-A stage is done when its folder exists, and the folder appears complete or not at all; there is no status database.
+A stage is done when its folder is there and every file in it is as its manifest says; there is no status database.
 """
 
 from __future__ import annotations
 
 import contextlib
-import errno
-import fcntl
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from granpipe import __version__
 from granpipe.errors import DataError, RunError
+from granpipe.system.files import explained, remove_leftovers
+from granpipe.system.locks import locked, shared
+from granpipe.system.manifest import is_whole
+from granpipe.system.publish import lock_file, publishing
 
-RESERVE = 200 * 1024**2
-"""Free disk space [bytes] below which nothing is started."""
+_MARKER = "stage.json"
+"""In every folder of the store: what granpipe made it for. Only folders that have it are ever removed."""
 
 
 def key_of(stage: str, version: int, part: Mapping[str, Any]) -> str:
     """SHA-256 of the canonical JSON of all that the result of a stage depends on; 20 hex digits."""
     text = json.dumps({"stage": stage, "version": version, "part": part}, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:20]
-
-
-def digest(path: Path) -> str:
-    """SHA-256 of a file's bytes, in hex."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @dataclass(frozen=True)
@@ -45,10 +41,18 @@ class Store:
 
     root: Path
     waiting: Callable[[str], None] | None = None
+    _checked: set[Path] = field(default_factory=set, init=False, repr=False, compare=False)
 
     def folder(self, stage: str, key: str) -> Path:
         """Where the result of a stage lies, or will."""
         return self.root / f"{stage}-{key}"
+
+    def has(self, stage: str, key: str) -> bool:
+        """Whether a stage is done and all its files are as they were then; each folder is read once."""
+        folder = self.folder(stage, key)
+        if folder not in self._checked and is_whole(folder):
+            self._checked.add(folder)
+        return folder in self._checked
 
     def make(self, stage: str, key: str, work: Callable[[Path], None]) -> Path:
         """The folder of a finished stage; `work(folder)` fills it where it does not exist yet."""
@@ -63,78 +67,67 @@ class Store:
 
     def make_in_steps(self, stage: str, key: str, work: Callable[[Path], Iterator[None]]) -> Iterator[None]:
         """Like `make`, with work that is done bit by bit: the folder is finished when the iterator ends."""
-        target = self.folder(stage, key)
-        if target.is_dir():
+        if self.has(stage, key):
             return
+        target = self.folder(stage, key)
         with self.lock(stage, key):
-            if not target.is_dir():  # it may have appeared while this process waited
-                sweep(target)
-                with publishing(target) as folder:
-                    yield from work(folder)
+            if self.has(stage, key):  # another process may have made it while this one waited
+                return
+            self._remove(target)
+            remove_leftovers(target)
+            with publishing(target) as folder:
+                _mark(folder, stage, key)
+                yield from work(folder)
+        self._checked.add(target)
 
-    def clear(self) -> tuple[int, list[str]]:
-        """Delete every stage; return the bytes that were freed, and why others were kept: processes work on them."""
-        freed, kept = 0, []
-        for folder in self.root.glob("*-*/"):
-            stage, _, key = folder.name.lstrip(".").split(".")[0].partition("-")
-            try:
-                with self.lock(stage, key):
-                    freed += sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-                    shutil.rmtree(folder)
-            except RunError as error:
-                kept.append(f"{folder.name}: {error}")
-        return freed, kept  # empty lock files stay: deleting one while another process opens it would split the lock
+    def begin(self, stage: str, key: str) -> Path:
+        """The folder of a stage that is done in parts, each with a manifest of its own."""
+        folder = self.folder(stage, key)
+        with explained(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            _mark(folder, stage, key)
+        return folder
 
-    @contextlib.contextmanager
-    def lock(self, stage: str, key: str) -> Iterator[None]:
-        """Keep other processes off a stage; if one is at work on it, wait for it or raise RunError at once.
+    def lock(self, stage: str, key: str) -> contextlib.AbstractContextManager[None]:
+        """Keep other processes off a stage; if one is at work on it, wait for it or raise RunError at once."""
+        return locked(
+            lock_file(self.folder(stage, key)),
+            lambda owner: (
+                f"another granpipe ({owner}) is working on {stage} of this case; "
+                + ("waiting for it" if self.waiting else "wait for it, or stop it and run again")
+            ),
+            self.waiting,
+        )
 
-        The lock is the kernel's: it falls with its process, however that ends.
+    def in_use(self) -> contextlib.AbstractContextManager[None]:
+        """To be held by a run: the store is not cleared meanwhile."""
+        return shared(self.root / ".lock")
+
+    def clear(self) -> tuple[int, list[Path]]:
+        """Delete every stage; return the bytes that were freed, and the folders that stay: they are not granpipe's.
+
+        Raises
+        ------
+        RunError : a run uses the store
         """
-        path = self.root / f".{stage}-{key}.lock"
-        with _explained(path):
-            self.root.mkdir(parents=True, exist_ok=True)
-            file = path.open("a+")
-        with file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                file.seek(0)
-                owner = file.read().strip() or "unknown"
-                message = f"another granpipe (process {owner}) is working on {stage} of this case"
-                if self.waiting is None:
-                    raise RunError(f"{message}; wait for it, or stop it and run again") from None
-                self.waiting(f"{message}; waiting for it")
-                fcntl.flock(file, fcntl.LOCK_EX)
-            file.seek(0)
-            file.truncate()
-            file.write(str(os.getpid()))
-            file.flush()
-            yield
+        freed, foreign = 0, []
+        with locked(self.root / ".lock", lambda _: f"{self.root}: a run uses this store; wait for it, or stop it"):
+            for folder in sorted(path for path in self.root.iterdir() if path.is_dir()):
+                size = sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir())
+                try:
+                    self._remove(folder)
+                    freed += size
+                except DataError:
+                    foreign.append(folder)
+        return freed, foreign
 
-
-@contextlib.contextmanager
-def publishing(target: Path) -> Iterator[Path]:
-    """A temporary folder that becomes `target` by one rename if the block succeeds, and vanishes otherwise.
-
-    An existing `target` is replaced.
-    """
-    aside = target.with_name(f".{target.name}.{os.getpid()}.part")
-    with _explained(target):
-        shutil.rmtree(aside, ignore_errors=True)
-        aside.mkdir(parents=True)
-        check_space(aside)
-        try:
-            yield aside
-            _replace(aside, target)
-        finally:
-            shutil.rmtree(aside, ignore_errors=True)
-
-
-def sweep(target: Path) -> None:
-    """Remove what killed processes have left of `target`; for who holds its lock."""
-    for left in target.parent.glob(f".{target.name}.*.part"):
-        shutil.rmtree(left, ignore_errors=True)
+    def _remove(self, folder: Path) -> None:
+        """Delete the folder of a stage, finished or not; DataError where granpipe has not made it."""
+        if not folder.exists():
+            return
+        if folder.is_symlink() or not _is_marked(folder):
+            raise DataError(f"{folder}: not a stage that granpipe wrote; move it away and run again")
+        shutil.rmtree(folder)
 
 
 @contextlib.contextmanager
@@ -149,35 +142,14 @@ def evidence_kept(work: Path, evidence: Path) -> Iterator[None]:
     shutil.rmtree(evidence, ignore_errors=True)
 
 
-def _replace(folder: Path, target: Path) -> None:
-    """Put `folder` where `target` is; between the two renames the old one still lies beside it."""
-    if not target.exists():
-        folder.rename(target)
-        return
-    old = target.with_name(f".{target.name}.{os.getpid()}.old")
-    target.rename(old)
-    folder.rename(target)
-    shutil.rmtree(old, ignore_errors=True)
+def _mark(folder: Path, stage: str, key: str) -> None:
+    (folder / _MARKER).write_text(json.dumps({"stage": stage, "key": key, "granpipe": __version__}))
 
 
-def check_space(folder: Path, needed: int = 0) -> None:
-    """RunError unless the disk has `needed` bytes and a reserve."""
-    free = shutil.disk_usage(folder).free
-    if free < needed + RESERVE:
-        raise RunError(
-            f"{folder.parent}: {free / 1e6:.0f} MB free on this disk, {(needed + RESERVE) / 1e6:.0f} MB needed; "
-            "make room or choose another folder with --results"
-        )
-
-
-@contextlib.contextmanager
-def _explained(path: Path) -> Iterator[None]:
-    """Turn what the disk refuses into one clear message."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno == errno.ENOSPC:
-            raise RunError(f"{path.parent}: no space left on the disk; make room and run again: it resumes") from error
-        if error.errno in (errno.EACCES, errno.EROFS, errno.EPERM):
-            raise RunError(f"{error.filename or path}: not writable; choose another folder with --results") from error
-        raise
+def _is_marked(folder: Path) -> bool:
+    """Whether the marker in a folder of the store says that granpipe made it: the key is part of the folder's name."""
+    with contextlib.suppress(OSError, ValueError, RecursionError):
+        match json.loads((folder / _MARKER).read_bytes()):
+            case {"stage": str(), "key": str(key)}:
+                return f"-{key}" in folder.name
+    return False

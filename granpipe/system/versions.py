@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from granpipe.errors import DataError
+from granpipe.system.files import write_whole
 from granpipe.system.jsonfile import read_json
 from granpipe.system.programs import liggghts_version
 
@@ -31,7 +32,7 @@ def program_versions(cache: Path) -> dict[str, str]:
     if not identity or identity not in known:
         known = {identity: liggghts_version()}
         cache.parent.mkdir(parents=True, exist_ok=True)
-        cache.write_text(json.dumps(known))
+        write_whole(cache, json.dumps(known))
     return {"gmsh": version("gmsh"), "liggghts": known[identity]}
 
 

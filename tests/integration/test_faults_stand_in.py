@@ -335,7 +335,7 @@ def test_a_disk_without_a_byte_left_is_one_message(
     tiny: Path, results: Path, unbroken: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The reserve that is kept free is taken away here, so that writing itself fails."""
-    monkeypatch.setattr("granpipe.system.store.RESERVE", -(10**12))
+    monkeypatch.setattr("granpipe.system.files.RESERVE", -(10**12))
     with mounted(tmp_path / "disk", "size=100m") as disk:
         shutil.copytree(results / ".store", disk / "results" / ".store")
         used = shutil.disk_usage(disk).used
