@@ -8,7 +8,9 @@ import hashlib
 import os
 import shutil
 from collections.abc import Iterator
+from io import BufferedReader
 from pathlib import Path
+from typing import cast
 
 from granpipe.errors import RunError
 from granpipe.system.reading import open_regular
@@ -20,7 +22,7 @@ RESERVE = 200 * 1024**2
 def digest(path: Path) -> str:
     """SHA-256 of a file's bytes, in hex; OSError where it is no regular file."""
     with open_regular(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        return hashlib.file_digest(cast(BufferedReader, file), "sha256").hexdigest()
 
 
 def unique(path: Path, suffix: str = "") -> Path:

@@ -44,8 +44,7 @@ def read_json(path: Path, kind: Any = dict[str, Any], remedy: str = "") -> Any:
 
 def write_json(path: Path, data: dict[str, Any]) -> None:
     """Indented, readable; by one rename."""
-    write_whole(path, json.dumps(data, indent=2, ensure_ascii=False) + "
-")
+    write_whole(path, json.dumps(data, indent=2, ensure_ascii=False) + "\n")
 
 
 @cache
