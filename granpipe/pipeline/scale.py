@@ -25,7 +25,7 @@ def scale_results(source: Path, case: Case, target: Path) -> str:
     Raises
     ------
     RunError : `target` exists
-    DataError : the results are damaged or changed, or do not know the packing of the bulk, so that they tell no mass flow
+    DataError : the results are damaged, or do not know the packing of the bulk, so that they tell no mass flow
     CaseError : the flow rate is above the free discharge through an opening
     """
     verify(source, "field.npz", "case.yaml")
