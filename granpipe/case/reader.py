@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +20,12 @@ from granpipe.case.yamlfile import Places, read_yaml
 
 @dataclass(frozen=True)
 class CaseFile:
-    """A case, where each of its keys stands, and what was found in its drawing."""
+    """A case, where each of its keys stands, what was found in its drawing, and its file where it has one."""
 
     case: Case
     places: Places
     notes: tuple[str, ...] = ()
+    path: Path | None = None
 
 
 def read_case(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFile:
@@ -35,7 +36,7 @@ def read_case(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFil
     CaseError : the file cannot be read or does not describe a case; says what is wrong and where
     """
     data, places = read_yaml(path)
-    return resolve(data, places, overrides, path.parent)
+    return replace(resolve(data, places, overrides, path.parent), path=path)
 
 
 def case_of(file: CaseFile) -> Case:

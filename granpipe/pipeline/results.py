@@ -74,9 +74,8 @@ def check_folder(folder: Path, file: CaseFile) -> None:
 
 def case_origin(file: CaseFile) -> dict[str, str]:
     """What tells a case from another one of the same name: where its file is, and its outline."""
-    path = Path(file.places.file)
     outline = file.case.outline.model_dump(mode="json")
-    return {"file": str(path.resolve()) if path.is_file() else "", "outline": key_of("outline", 1, outline)}
+    return {"file": str(file.path.resolve()) if file.path else "", "outline": key_of("outline", 1, outline)}
 
 
 def _other_case(folder: Path, file: CaseFile) -> str | None:
@@ -90,9 +89,10 @@ def _other_case(folder: Path, file: CaseFile) -> str | None:
     except (DataError, KeyError, TypeError):
         return None
     ours = case_origin(file)
-    if path == ours["file"] or (outline == ours["outline"] and not Path(path).is_file()):
+    elsewhere = ours["file"] and Path(path).is_file()
+    if path == ours["file"] != "" or (outline == ours["outline"] and not elsewhere):
         return None
-    return path or "of another outline"
+    return path or "with another outline"
 
 
 def write_results(

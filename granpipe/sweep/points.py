@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import traceback
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,8 @@ def point_case(folder: Folder, name: str, ranks: int | None = None, file: str = 
     """The case of a point, with `ranks` MPI ranks where they are given; CaseError, naming `file`, where it is wrong."""
     data, places = copy.deepcopy(_parsed(folder.content.text, file))
     more = {} if ranks is None else {"dem.ranks": str(ranks)}
-    return resolve(data, places, folder.variants[name].changes | {"name": name} | more)
+    found = resolve(data, places, folder.variants[name].changes | {"name": name} | more)
+    return replace(found, path=folder.case)
 
 
 @cache

@@ -13,6 +13,7 @@ from granpipe.case.schema import Case
 from granpipe.errors import CaseError, DataError, RunError
 from granpipe.field import Field, Grid, flux_from_psi
 from granpipe.pipeline.scale import scale_results
+from granpipe.system.manifest import write_manifest
 
 HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
 
@@ -28,6 +29,7 @@ def results(tmp_path: Path) -> Path:
     flux_r, flux_z = flux_from_psi(psi, grid)
     ones = np.ones(grid.shape)
     Field(grid, ones, ones > 0, 0.6 * flux_r, 0.6 * flux_z, 1.0, 0.6, 1.0, psi=0.6 * psi).save(folder / "field.npz")
+    write_manifest(folder)
     return folder
 
 
@@ -46,6 +48,7 @@ def test_times_go_down_as_the_flow_goes_up(results: Path, tmp_path: Path) -> Non
     field = Field.load(results / "field.npz")
     extra = {"residence_within": np.array([0.5]), "residence_time": np.array([7.8])}
     replace(field, extra=extra).save(results / "field.npz")
+    write_manifest(results)
     scale_results(results, case_at("7.2 m^3/h"), tmp_path / "out")
     row = (tmp_path / "out" / "residence_time.csv").read_text().splitlines()[1]
     assert row.split(",")[:2] == ["0.5", "3900"]  # at 0.002 m³/s in place of 1
@@ -67,6 +70,7 @@ def test_a_field_that_does_not_know_its_packing_is_not_scaled(results: Path, tmp
     assert field.psi is not None
     solid = {"flux_r": field.flux_r / 0.6, "flux_z": field.flux_z / 0.6, "psi": field.psi / 0.6}
     replace(field, bulk_packing=1.0, **solid).save(results / "field.npz")
+    write_manifest(results)
     with pytest.raises(DataError, match=r"run the case again with material\.bulk_density"):
         scale_results(results, case_at("1 t/h"), tmp_path / "out")
 
