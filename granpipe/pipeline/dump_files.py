@@ -7,11 +7,10 @@ from pathlib import Path
 
 from granpipe import __version__
 from granpipe.case.schema import Case
-from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.pipeline.dumps import Homogenized
 from granpipe.system.jsonfile import write_json
-from granpipe.system.store import publishing
+from granpipe.system.publish import publishing_new
 
 
 def write_homogenized(made: Homogenized, case: Case | None, folder: Path) -> None:
@@ -20,11 +19,9 @@ def write_homogenized(made: Homogenized, case: Case | None, folder: Path) -> Non
 
     Raises
     ------
-    DataError : the folder exists
+    RunError : the folder exists
     """
-    if folder.exists():
-        raise DataError(f"{folder} exists already; give --out a new folder")
-    with publishing(folder) as aside:
+    with publishing_new(folder) as aside:
         made.field.save(aside / "field.npz")
         if len(made.field.grid.shape) == 3:
             _write_space(made.field, aside)

@@ -13,11 +13,10 @@ from typing import Annotated
 from pydantic import Field, PositiveInt
 
 from granpipe.errors import DataError
+from granpipe.system.files import write_whole
 from granpipe.system.jsonfile import read_json
 
 Rate = Annotated[float, Field(gt=0, lt=1e15, allow_inf_nan=False)]
-
-from granpipe.system.files import write_whole
 
 _FILE = "rates.json"
 
