@@ -27,7 +27,7 @@ from fakes.analytic_flow import binary_snapshot, table, text_snapshot  # noqa: E
 
 from granpipe.dem.dump import read_snapshot  # noqa: E402
 from granpipe.field import Box, Grid  # noqa: E402
-from granpipe.homogenize import deposit as kernels  # noqa: E402
+from granpipe.homogenize.deposit import deposit  # noqa: E402
 
 CACHE = Path.home() / ".cache" / "granpipe" / "benchmarks"
 PEERS = {"readers": ["ovito", "pandas", "pyarrow"], "konigcell": ["konigcell", "numpy<2"]}
@@ -111,20 +111,16 @@ def readers(folder: Path, position, velocity, radius, repetitions: int) -> list[
 def deposits(folder: Path, position, velocity, radius, repetitions: int) -> list[tuple[str, float, float | None]]:
     """(name, particles per second, RMS error of the cells in % of their mean content) of depositing."""
     grid = Grid.covering(WALL, 0, HEIGHT, RADIUS / 2)
-    exact = kernels.deposit(position[:20_000], radius[:20_000], velocity[:20_000], grid, points=24).volume
+    exact = deposit(position[:20_000], radius[:20_000], velocity[:20_000], grid, points=24).volume
     rows = []
 
-    def add(name: str, deposit: Callable[[slice], np.ndarray]) -> None:
-        seconds = best(lambda: deposit(slice(None)), repetitions)
-        error = np.sqrt(np.mean((deposit(slice(20_000)) - exact) ** 2)) / exact.mean()
+    def add(name: str, method: Callable[[slice], np.ndarray]) -> None:
+        seconds = best(lambda: method(slice(None)), repetitions)
+        error = np.sqrt(np.mean((method(slice(20_000)) - exact) ** 2)) / exact.mean()
         rows.append((name, len(radius) / seconds, 100 * error))
 
-    def with_kernel(add_spheres: Callable) -> Callable[[slice], np.ndarray]:
-        def run(part: slice) -> np.ndarray:
-            kernels._kernel = lambda: add_spheres
-            return kernels.deposit(position[part], radius[part], velocity[part], grid).volume
-
-        return run
+    def rings(part: slice) -> np.ndarray:
+        return deposit(position[part], radius[part], velocity[part], grid).volume
 
     def centres(part: slice) -> np.ndarray:
         r = np.hypot(position[part, 0], position[part, 1])
@@ -132,19 +128,13 @@ def deposits(folder: Path, position, velocity, radius, repetitions: int) -> list
         at = np.searchsorted(grid.r_edges, r) - 1 + grid.shape[1] * (position[part, 2] // grid.cell).astype(int)
         return np.bincount(at, volume, grid.shape[0] * grid.shape[1]).reshape(grid.shape)
 
-    add("granpipe, numpy", with_kernel(kernels._add))
-    try:
-        import granpipe.homogenize.deposit_numba  # noqa: F401
-
-        add("granpipe, numba (extra `fast`)", with_kernel(kernels._add_compiled))
-    except ImportError:
-        print("numba is not installed: its row is left out", file=sys.stderr)
+    add("granpipe, rings", rings)
     add("histogram of centres", centres)
     some = min(5000, len(radius))
     side = 2 * int(np.ceil(WALL / grid.cell))
     reach = (-side / 2 * grid.cell, side / 2 * grid.cell)
     space = Box.within(reach, reach, (0, HEIGHT), grid.cell, flat=False, cut=True)
-    seconds = best(lambda: kernels.deposit(position, radius, velocity, space), 1)
+    seconds = best(lambda: deposit(position, radius, velocity, space), 1)
     rows.append(("granpipe, 3-D voxels", len(radius) / seconds, None))
     np.savez(
         folder / "spheres.npz",
@@ -180,7 +170,7 @@ def page(count: int, reading: list, depositing: list) -> str:
         "on Cartesian voxels of the same edge, one worker) and the histogram (volume at the centres) volume alone. The",
         "error is that of the cells' volume against 24 points, RMS over all cells, relative to their mean.",
         "",
-        "| method | particles/s | rate / granpipe, numpy | error [%] |",
+        "| method | particles/s | rate / granpipe, rings | error [%] |",
         "|---|---|---|---|",
         *(
             f"| {name} | {rate:,.0f} | {rate / kernel:.3g} | {'–' if e is None else f'{e:.2g}'} |"

@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Box, Grid, Mask, Particles, restored
 from granpipe.homogenize.deposit import Deposit, deposit, deposit_paths, empty_deposit
-from granpipe.homogenize.slices import Index
 
 Sampling = Literal["velocity", "displacement"]
 
@@ -359,7 +359,7 @@ def jumped(path: Array, explained: Array, jump: float) -> Mask:
     return np.asarray(np.linalg.norm(path, axis=1) > jump + 3 * explained)
 
 
-def _others(count: int, chosen: Index) -> Mask:
+def _others(count: int, chosen: NDArray[np.int64]) -> Mask:
     """(count,) those not among the chosen indices."""
     left = np.ones(count, dtype=bool)
     left[chosen] = False

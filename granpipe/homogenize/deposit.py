@@ -8,26 +8,22 @@ The flow is staggered: through z-faces v_z times the lens differences at the fac
 radial component of the sphere's velocity, v_r cos φ, over the arc of the circle R inside the disc. Both are the exact
 rate of change of the deposited volume, up to quadrature in z: ∂V/∂t + ∇·flow = 0 cell by cell.
 
-Cartesian cells (`granpipe.homogenize.deposit_box`) cut the same discs into rectangles.
+Cartesian cells cut the same discs into rectangles. The loops are compiled: `granpipe.homogenize.deposit_numba` for
+rings, `deposit_box_numba` for Cartesian cells.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
-from granpipe.field import Array, Box, Grid, Mask
-from granpipe.homogenize.deposit_box import add_to_boxes
-from granpipe.homogenize.slices import Index, disc_radius, floor, gauss, levels, lots, slab_points, spans
+from granpipe.field import Array, Box, Grid
 from granpipe.system.interrupts import uninterrupted
 
 _LEAST_DISTANCE = 1e-30
-_LEAST_K2 = 1e-200  # root far below the least distance
 _NEAR_AXIS = 0.25  # part of a sphere's radius
-_CHUNK = 1 << 15  # lens evaluations at a time: bounds the memory, and fits the cache
 
 
 class Deposit(NamedTuple):
@@ -61,25 +57,50 @@ def deposit(position: Array, radius: Array, velocity: Array, grid: Grid, points:
     """
     touching = (position[:, 2] + radius > grid.z_edges[0]) & (position[:, 2] - radius < grid.z_edges[-1])
     spheres = position[touching], radius[touching], velocity[touching]
-    if not isinstance(grid, Box):
-        return _deposited(_cylindrical(*spheres), grid, points)
     total = empty_deposit(grid)
-    add_to_boxes(*spheres, grid, points, *total)
+    if isinstance(grid, Box):
+        _add_to_boxes(*spheres, grid, points, total)
+    else:
+        _add_to_rings(*spheres, grid, points, total)
     return total
 
 
-def _deposited(spheres: _Spheres, grid: Grid, points: int) -> Deposit:
-    """The deposit of some spheres.
+def _add_to_rings(position: Array, radius: Array, velocity: Array, grid: Grid, points: int, total: Deposit) -> None:
+    """Add spheres to rings.
 
     Where a sphere's axis is nearly that of the vessel its discs appear and vanish in whole rings: rare, but three
     points are then off by up to 0.24 % of the sphere in a cell.
     """
-    total = empty_deposit(grid)
-    near_axis = spheres.distance < _NEAR_AXIS * spheres.radius
-    add = _kernel()
-    add(spheres.chosen(~near_axis), grid, points, total)
-    add(spheres.chosen(near_axis), grid, 3 * points, total)
-    return total
+    from granpipe.homogenize.deposit_numba import add
+
+    # on the axis itself no direction is radial; what crosses a ring there cancels over the circle
+    distance = np.maximum(np.hypot(position[:, 0], position[:, 1]), _LEAST_DISTANCE)
+    radial_velocity = (velocity[:, 0] * position[:, 0] + velocity[:, 1] * position[:, 1]) / distance
+    near_axis = distance < _NEAR_AXIS * radius
+    with uninterrupted():
+        for these, number in ((~near_axis, points), (near_axis, 3 * points)):
+            place = position[these, 2], distance[these], radius[these]
+            speed = radial_velocity[these], velocity[these, 2]
+            add(*place, *speed, grid.r_edges, grid.z_edges, *gauss(number), *total[:3])
+
+
+def _add_to_boxes(position: Array, radius: Array, velocity: Array, grid: Box, points: int, total: Deposit) -> None:
+    """Add spheres to cells in the plane or in space; only what lies inside the grid counts."""
+    from granpipe.homogenize.deposit_box_numba import add
+
+    in_space = [array[:, None] if grid.flat and array.size else array for array in total]
+    if grid.flat:
+        in_space[3] = np.zeros((0, 0, 0))
+    edges = grid.r_edges, grid.y_edges, grid.z_edges
+    with uninterrupted():
+        add(position, radius, velocity, *edges, grid.flat, grid.cut, *gauss(points), *in_space)
+
+
+@cache
+def gauss(points: int) -> tuple[Array, Array]:
+    """Nodes and weights of Gauss–Legendre quadrature on −1 … 1."""
+    node, weight = np.polynomial.legendre.leggauss(points)
+    return node, weight
 
 
 def empty_deposit(grid: Grid) -> Deposit:
@@ -126,135 +147,3 @@ def deposit_paths(
             for array, added in zip(total, part, strict=True):
                 array += 0.5 * weight * added
     return total
-
-
-class _Spheres(NamedTuple):
-    """Spheres as the axis sees them, each (n,): centre's height and axis distance, radius [m], velocity [m/s]."""
-
-    z: Array
-    distance: Array
-    radius: Array
-    radial_velocity: Array
-    vertical_velocity: Array
-
-    def chosen(self, which: Index | Mask) -> _Spheres:
-        return _Spheres(*(values[which] for values in self))
-
-
-class _Slices(NamedTuple):
-    """Horizontal discs: their row (or level) on the grid, axis distance D and radius s [m], each (m,)."""
-
-    row: Index
-    distance: Array
-    radius: Array
-
-
-def _cylindrical(position: Array, radius: Array, velocity: Array) -> _Spheres:
-    # on the axis itself no direction is radial; what crosses a ring there cancels over the circle
-    distance = np.maximum(np.hypot(position[:, 0], position[:, 1]), _LEAST_DISTANCE)
-    radial_velocity = (velocity[:, 0] * position[:, 0] + velocity[:, 1] * position[:, 1]) / distance
-    return _Spheres(position[:, 2], distance, radius, radial_velocity, velocity[:, 2])
-
-
-@cache
-def _kernel() -> Callable[[_Spheres, Grid, int, Deposit], None]:
-    """The compiled kernel where numba is installed, otherwise numpy's."""
-    try:
-        import granpipe.homogenize.deposit_numba  # noqa: F401
-    except ImportError:
-        return _add
-    return _add_compiled
-
-
-def _add_compiled(spheres: _Spheres, grid: Grid, points: int, total: Deposit) -> None:
-    """Add spheres to the deposit, with the same number of Gauss points for all."""
-    from granpipe.homogenize.deposit_numba import add
-
-    with uninterrupted():
-        add(*spheres, grid.r_edges, grid.z_edges, *gauss(points), *total[:3])
-
-
-def _add(spheres: _Spheres, grid: Grid, points: int, total: Deposit) -> None:
-    """The same by numpy alone."""
-    across = 2 * spheres.radius / grid.cell + 1
-    cost = np.minimum(across, grid.shape[0]) * (points + 1) * np.minimum(across, grid.shape[1])
-    for lot in lots(spheres.z, cost, _CHUNK):
-        some = spheres.chosen(lot)
-        owner, row, height, weight = slab_points(some.z, some.radius, grid, points)
-        arc_weight = weight * some.radial_velocity[owner]
-        first, parts, arcs = _ring_parts(_slices(some, owner, row, height), grid, weight, arc_weight)
-        total.volume[first : first + len(parts)] += parts
-        total.flow_r[first : first + len(arcs)] += arcs
-        owner, level = levels(some.z, some.radius, grid)
-        slices = _slices(some, owner, level, grid.z_edges[level])
-        first, parts, _ = _ring_parts(slices, grid, some.vertical_velocity[owner])
-        total.flow_z[first : first + len(parts)] += parts
-
-
-def _slices(spheres: _Spheres, owner: Index, row: Index, height: Array) -> _Slices:
-    """Discs of the spheres `owner` at heights [m]."""
-    return _Slices(row, spheres.distance[owner], disc_radius(spheres.z[owner], spheres.radius[owner], height))
-
-
-def _ring_parts(
-    slices: _Slices, grid: Grid, weight: Array, arc_weight: Array | None = None
-) -> tuple[int, Array, Array]:
-    """Sum weight × disc area per ring, and arc_weight × ∫cos φ dl per edge, over all slices of each row.
-
-    Only edges that cut a disc are evaluated: the lens area A(R) there is added to the ring inside the edge and taken
-    from the one outside it; the whole disc goes to the ring that holds its far side.
-
-    Returns
-    -------
-    first : the first row that holds anything
-    parts : (rows, nr) [weight · m²]
-    arcs : (rows, nr+1) [arc_weight · m]; no rows without `arc_weight`
-    """
-    edges, cell = len(grid.r_edges), grid.cell
-    row, D, s = slices
-    if not len(row):
-        return 0, np.zeros((0, edges - 1)), np.zeros((0, edges))
-    first_row = int(row.min())
-    shape = int(row.max()) - first_row + 1, edges
-    base = (row - first_row) * edges
-    # a centre inside the outermost radius keeps its disc: the outermost edge then does not cut it
-    outermost = np.where(grid.r_edges[-1] >= D, edges - 2, edges - 1)
-    first = np.maximum(floor((D - s) / cell) + 1, 1)
-    last = np.minimum(floor((D + s) / cell), outermost)
-    whole = np.where(first < edges, weight * np.pi * s**2, 0)  # otherwise the disc lies outside the grid
-
-    def scatter(at: Index, amount: Array) -> Array:
-        return np.asarray(np.bincount(at, amount, shape[0] * edges).reshape(shape), dtype=float)
-
-    owner, edge = spans(first, last)
-    area, chord = _lens(grid.r_edges[edge], D[owner], s[owner])
-    at = base[owner] + edge
-    parts = np.diff(scatter(at, weight[owner] * area), axis=1) + scatter(base + last, whole)[:, :-1]
-    arcs = np.zeros((0, edges)) if arc_weight is None else scatter(at, arc_weight[owner] * chord)
-    return first_row, parts, arcs
-
-
-def _lens(R: Array, D: Array, s: Array) -> tuple[Array, Array]:
-    """Area of a disc within radius R of the axis, and ∫cos φ dl over the arc of the circle R inside the disc.
-
-    A = R² θ_axis + s² θ_disc − k/2 with k four times the area of the triangle of sides R, D, s, and θ its angles, by
-    half-angle formulas, which need no quadrant; ∫cos φ dl = k/D. Where the circles do not cross, k is (nearly) 0 and
-    one of the angles 0 or 2π: the limits come out of the same formula with the denominators clipped at 0.
-    """
-    across = R + D
-    outer = across - s
-    across += s
-    far = D - R
-    inner = s - far
-    far += s
-    outer *= across
-    inner *= far
-    inner *= outer
-    far *= across
-    k = np.sqrt(np.maximum(inner, _LEAST_K2, out=inner), out=inner)
-    with np.errstate(divide="ignore"):
-        axis_angle = np.arctan(k / np.maximum(outer, 0, out=outer), out=outer)
-        disc_angle = np.arctan(k / np.maximum(far, 0, out=far), out=far)
-    disc = s * s
-    area = 2 * (R * R * axis_angle + disc * disc_angle) - 0.5 * k
-    return np.minimum(area, np.pi * disc), k / D

@@ -1,19 +1,22 @@
-"""The deposit of `granpipe.homogenize.deposit_box` as compiled loops; imported only where numba is installed.
+"""Discs → Cartesian cells: cut into rectangles, exactly, by compiled loops over spheres, rows and Gauss points.
 
-Same discs, same points, same formulas: the two agree to rounding.
+With a and b the distances of two edges from a disc's centre, at most its radius s, the part of the disc between its
+centre lines and these edges is P(a, b) = |a b| where their corner lies inside it, g(|a|) + g(|b|) − π s²/4 otherwise,
+g(a) = (a √(s² − a²) + s² asin(a/s))/2, with the sign of a b. Rectangles are second differences of P, so that whatever
+the cells, the disc is kept. Through a face flows the velocity across it times the chord of the disc on its edge.
 """
 
 from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from granpipe.field import Array
+from granpipe.homogenize.compiled_numba import compiled
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def add(
     position: Array,
     radius: Array,
@@ -70,7 +73,7 @@ def add(
             _areas(s, velocity[n, 2], first_x, last_x, first_y, last_y, along_x, along_y, flow_z[level])
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _edges(centre: float, s: float, edges: Array, cut: bool, along: Array) -> tuple[int, int]:
     """First and last of the edges of a grid that enclose a disc; their distance from its centre, at most s, and g."""
     cells = len(edges) - 1
@@ -87,7 +90,7 @@ def _edges(centre: float, s: float, edges: Array, cut: bool, along: Array) -> tu
     return first, last
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _areas(
     s: float,
     weight: float,
@@ -110,7 +113,7 @@ def _areas(
             lower, upper = next_lower, next_upper
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _part(along_x: Array, i: int, along_y: Array, j: int, s: float) -> float:
     """P(a, b): the part of a disc between its centre lines and two edges, with the sign of a b."""
     a, b = along_x[0, i], along_y[0, j]
@@ -120,7 +123,7 @@ def _part(along_x: Array, i: int, along_y: Array, j: int, s: float) -> float:
     return math.copysign(beyond, a * b)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _chord(edge: float, low: float, high: float, s: float) -> float:
     """Length of the chord of a disc on an edge, between two ends."""
     half = math.sqrt(max(s * s - edge * edge, 0.0))

@@ -62,7 +62,7 @@ def test_displacement_closes_the_balance_where_velocity_does_not():
     steps = [replace(still, position=still.position + t * cloud().velocity) for t in (0, 0.05, 0.1)]
     residual = {}
     for sampling in ("velocity", "displacement"):
-        collector = Collector(GRID, sampling, points=6, path_density=4)
+        collector = Collector(GRID, sampling, points=6)
         for number, step in enumerate(steps):
             collector.add(0.05 * number, step)
         sums = collector.take()
