@@ -19,14 +19,13 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tests"))
 from fakes.comsol_text import read_sections  # noqa: E402
+from heat_checks import Velocity, false_source  # noqa: E402
 from methods import paper  # noqa: E402
 
 from granpipe.analysis.heat import (  # noqa: E402
     HeatProblem,
     Stream,
     Temperature,
-    Velocity,
-    false_source,
     solve_heat,
 )
 from granpipe.case.reader import load_case  # noqa: E402

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy import sparse
@@ -32,6 +32,13 @@ _QUADRATURE = 4  # exact to this degree
 
 RadialFlow = tuple[Array, Array]
 """(r u, r w) at points [m²/s]."""
+
+
+class Flow(Protocol):
+    """What carries the heat."""
+
+    def at(self, basis: Any, mesh: RZMesh) -> RadialFlow:
+        """(r u, r w) at the quadrature points of a scikit-fem basis on the mesh [m²/s]."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +58,7 @@ class Stream:
     @classmethod
     def on_grid(cls, r: Array, z: Array, psi: Array) -> Stream:
         """From ψ (nz, nr) on nodes, linear in r² and in z between them: a plug is exact."""
-        linear = _bilinear(r**2, z, psi)
+        linear = bilinear(r**2, z, psi)
         return cls(lambda r, z: linear(r**2, z))
 
     def at(self, basis: Any, mesh: RZMesh) -> RadialFlow:
@@ -67,30 +74,6 @@ class Stream:
             psi[own] = np.median(psi[own])
         dpsi = quadratic.interpolate(psi).grad
         return -dpsi[1], dpsi[0]
-
-
-@dataclass(frozen=True)
-class Velocity:
-    """A flow given by its components, taken as they are at every point.
-
-    Parameters
-    ----------
-    components : (u, w) as a function of r and z [m/s], for arrays of any one shape
-    """
-
-    components: Callable[[Array, Array], tuple[Array, Array]]
-
-    @classmethod
-    def on_grid(cls, r: Array, z: Array, u: Array, w: Array) -> Velocity:
-        """From u and w (nz, nr) on nodes, linear in r and in z between them."""
-        radial, vertical = _bilinear(r, z, u), _bilinear(r, z, w)
-        return cls(lambda r, z: (radial(r, z), vertical(r, z)))
-
-    def at(self, basis: Any, mesh: RZMesh) -> RadialFlow:
-        """(r u, r w) at the quadrature points of a scikit-fem basis on the mesh [m²/s]."""
-        r, z = np.asarray(basis.global_coordinates())
-        u, w = self.components(r, z)
-        return r * u, r * w
 
 
 @dataclass(frozen=True)
@@ -148,11 +131,16 @@ class Temperature:
         return float(np.sqrt(weight @ difference**2 / weight.sum())), float(np.abs(difference).max())
 
 
-def solve_heat(problem: HeatProblem, flow: Stream | Velocity) -> Temperature:
-    """The temperature of a problem in a flow."""
+def solve_heat(problem: HeatProblem, flow: Flow) -> Temperature:
+    """The temperature of a problem in a flow.
+
+    Raises
+    ------
+    DataError : the mesh lacks a boundary that the problem names, or an outlet
+    """
     from skfem import BilinearForm, condense
 
-    space = _Space(problem.mesh)
+    space = Space(problem.mesh)
     basis, outlet = space.basis, space.through("outlet")
     diffusivity = problem.diffusivity
     flux_r, flux_z = flow.at(basis, problem.mesh)
@@ -182,38 +170,7 @@ def solve_heat(problem: HeatProblem, flow: Stream | Velocity) -> Temperature:
     return Temperature(problem.mesh, values, _outlet_mean(outlet, out_r, out_z, values))
 
 
-def false_source(mesh: RZMesh, flow: Stream | Velocity) -> tuple[float, float]:
-    """Heat that a flow makes of nothing when all is at one temperature, over the heat that it carries in.
-
-    Returns
-    -------
-    net : sum over the section: what leaves through the outlet beyond what came in through the inlet
-    gross : sum of the absolute values, each point of the mesh with the elements round it
-    """
-    from skfem import LinearForm
-
-    @LinearForm
-    def within(v, at):  # type: ignore[no-untyped-def]
-        return -(at.flux_r * v.grad[0] + at.flux_z * v.grad[1])
-
-    @LinearForm
-    def through(v, at):  # type: ignore[no-untyped-def]
-        return v * (at.flux_r * at.n[0] + at.flux_z * at.n[1])
-
-    space = _Space(mesh)
-    flux = dict(zip(("flux_r", "flux_z"), flow.at(space.basis, mesh), strict=True))
-    source = within.assemble(space.basis, **flux)
-    inflow = 0.0
-    for name in ("inlet", "outlet"):
-        edge = space.through(name)
-        flux = dict(zip(("flux_r", "flux_z"), flow.at(edge, mesh), strict=True))
-        passing = through.assemble(edge, **flux)
-        source += passing
-        inflow -= passing.sum() if name == "inlet" else 0.0
-    return float(source.sum() / inflow), float(np.abs(source).sum() / inflow)
-
-
-def _bilinear(first: Array, second: Array, values: Array) -> Callable[[Array, Array], Array]:
+def bilinear(first: Array, second: Array, values: Array) -> Callable[[Array, Array], Array]:
     """Function of two coordinates from values on (second, first); beyond the grid it goes on in the same way."""
     from scipy.interpolate import RegularGridInterpolator
 
@@ -222,7 +179,7 @@ def _bilinear(first: Array, second: Array, values: Array) -> Callable[[Array, Ar
 
 
 @dataclass(frozen=True)
-class _Space:
+class Space:
     """Linear elements on a mesh."""
 
     mesh: RZMesh
@@ -303,4 +260,4 @@ def _point_volumes(mesh: RZMesh) -> Array:
     def share(v, at):  # type: ignore[no-untyped-def]
         return at.x[0] * v
 
-    return np.asarray(share.assemble(_Space(mesh).basis))
+    return np.asarray(share.assemble(Space(mesh).basis))

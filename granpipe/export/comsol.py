@@ -33,9 +33,7 @@ class Column:
     grid_file: str = ""
 
 
-def write_comsol(
-    field: Field, folder: Path, *, name: str, solids_density: float, date: datetime, at_time: bool = False
-) -> Balance:
+def write_comsol(field: Field, folder: Path, *, name: str, solids_density: float, date: datetime) -> Balance:
     """Write the COMSOL files of a field into an existing folder; return how well what they hold balances.
 
     Parameters
@@ -43,22 +41,19 @@ def write_comsol(
     name : name of the case (plain ASCII, as the case file demands)
     solids_density : ρ_s [kg/m³]; ρ_s φ_ref times the bulk velocity is the true mass flux
     date : what the header states
-    at_time : append `` @ t=0`` to the column heads of the spreadsheet, as some readers demand
     """
     nodes = nodal_values(field)
     balance = balance_of(field, nodes)
-    sections = write_interpolation(nodes, folder, name=name, date=date, at_time=at_time)
+    sections = write_interpolation(nodes, folder, name=name, date=date)
     write_lines(folder / "flow_levels.txt", _levels(balance))
     write_lines(folder / "import_comsol.java", [_java(field, sections, name, solids_density)])
     return balance
 
 
-def write_interpolation(
-    nodes: Nodes, folder: Path, *, name: str, date: datetime, at_time: bool = False
-) -> list[Column]:
+def write_interpolation(nodes: Nodes, folder: Path, *, name: str, date: datetime) -> list[Column]:
     """Write the interpolation files alone; return the columns that are interpolated linearly."""
     columns = columns_of(nodes)
-    write_lines(folder / "flow_spreadsheet.txt", _spreadsheet(nodes, columns, name, date, " @ t=0" if at_time else ""))
+    write_lines(folder / "flow_spreadsheet.txt", _spreadsheet(nodes, columns, name, date))
     for column in columns:
         if column.grid_file:
             write_lines(folder / column.grid_file, _grid(nodes.r, nodes.z, column.values))
@@ -90,15 +85,13 @@ def columns_of(nodes: Nodes) -> list[Column]:
     return columns
 
 
-def _spreadsheet(nodes: Nodes, columns: list[Column], name: str, date: datetime, suffix: str) -> Iterator[str]:
+def _spreadsheet(nodes: Nodes, columns: list[Column], name: str, date: datetime) -> Iterator[str]:
     """Lines of the Spreadsheet format, its header and widths as COMSOL's own exports have them; r varies fastest."""
     r, z = np.meshgrid(nodes.r, nodes.z)
-    yield from spreadsheet({"r" if nodes.axial else "x": r, "z": z}, columns, name, date, suffix)
+    yield from spreadsheet({"r" if nodes.axial else "x": r, "z": z}, columns, name, date)
 
 
-def spreadsheet(
-    places: dict[str, Array], columns: list[Column], name: str, date: datetime, suffix: str = ""
-) -> Iterator[str]:
+def spreadsheet(places: dict[str, Array], columns: list[Column], name: str, date: datetime) -> Iterator[str]:
     """Lines of the Spreadsheet format: coordinates by name, then the columns, all of one shape."""
     entries = {
         "Model": name,
@@ -112,7 +105,7 @@ def spreadsheet(
     }
     yield from (f"% {key + ':':<19} {value}" for key, value in entries.items())
     first, *others = places
-    yield _row(f"% {first}", *others, *(f"{column.name} ({column.unit}){suffix}" for column in columns))
+    yield _row(f"% {first}", *others, *(f"{column.name} ({column.unit})" for column in columns))
     table = np.column_stack([array.ravel() for array in (*places.values(), *(column.values for column in columns))])
     yield from (_row(*map(_number, row)) for row in table.tolist())
 

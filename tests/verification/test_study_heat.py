@@ -9,8 +9,9 @@ import pytest
 from fakes.analytic_flow import ConvergingFlow
 from fakes.comsol_text import read_sections
 from fakes.vessel_mesh import mesh_below
+from heat_checks import Velocity, false_source
 
-from granpipe.analysis.heat import HeatProblem, Stream, Temperature, Velocity, false_source, solve_heat
+from granpipe.analysis.heat import HeatProblem, Stream, Temperature, solve_heat
 from granpipe.errors import DataError
 from granpipe.export.comsol import write_comsol
 from granpipe.field import Field, Grid, flux_from_psi
