@@ -89,7 +89,7 @@ benchmarks: setup
 
 docs: setup
 	$(VENV)/bin/python docs/pages.py
-	$(VENV)/bin/mkdocs build --quiet --strict
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --quiet --strict
 	@echo 'the documentation is in site/index.html'
 
 lock:

@@ -10,7 +10,7 @@ PAGES = [ROOT / "README.md", ROOT / "docs/how-to/install.md", ROOT / "CHANGELOG.
 
 
 def test_the_first_case_is_valid_and_short(tmp_path: Path) -> None:
-    block = re.search(r"```yaml\n(.*?)```", PAGES[0].read_text(), re.DOTALL)
+    block = re.search(r"```yaml[^\n]*\n(.*?)```", PAGES[0].read_text(), re.DOTALL)
     assert block is not None
     text = block.group(1)
     (tmp_path / "first.yaml").write_text(text)
@@ -23,14 +23,6 @@ def test_every_target_of_make_that_is_named_exists() -> None:
     for page in PAGES:
         named = set(re.findall(r"^make ([a-z-]+)|`make ([a-z-]+)", page.read_text(), re.MULTILINE))
         assert {one or other for one, other in named} <= targets, page.name
-
-
-def test_every_command_that_is_named_exists() -> None:
-    from granpipe.cli import main
-
-    for page in PAGES:
-        named = set(re.findall(r"(?:^|`|/)granpipe ([a-z]+)", page.read_text(), re.MULTILINE))
-        assert named <= set(main.commands), page.name  # type: ignore[attr-defined]
 
 
 def test_links_between_pages_lead_somewhere() -> None:
