@@ -210,7 +210,7 @@ def check(case: Path, overrides: Mapping[str, str]) -> None:
 def outline(
     file: Path, unit: str, axis: float | None, up: str | None, tolerance: float | None, picture: Path | None
 ) -> None:
-    """Show the vessel that a drawing FILE holds: dimensions, a picture, and YAML to paste into a case.
+    """Show the vessel in a drawing: size, picture, YAML for a case.
 
     Reads DXF, CSV, COMSOL meshes (.mphtxt), STEP, BREP, STL and OBJ. Instead of pasting, a case can name the drawing:
     `outline: {file: silo.dxf}`.
