@@ -35,23 +35,21 @@ def read_dxf(path: Path, sagitta: float | None) -> Lines:
     from ezdxf import bbox
     from ezdxf import path as ezpath
     from ezdxf.filemanagement import readfile
-    from ezdxf.lldxf.const import DXFError
 
     try:
         document = readfile(path)
-    except (DXFError, OSError, UnicodeDecodeError, ValueError, IndexError, KeyError) as error:
-        raise CaseError(f"not a DXF file that can be read ({error}); save it as DXF R2010 or newer") from None
-    entities = list(_flat(document.modelspace()))
-    if not entities:
+        entities = list(_flat(document.modelspace()))
+        extents = bbox.extents(entities)
+        limit = sagitta or 1e-4 * max(extents.size.x, extents.size.y, 1e-9) if entities else 0.0
+        drawn = [(one.dxf.layer, [(p.x, p.y) for p in ezpath.make_path(one).flattening(limit)]) for one in entities]
+        unit = _UNITS.get(int(document.header.get("$INSUNITS", 0)), "")
+    except Exception as error:  # ezdxf raises whatever a damaged file makes it stumble over
+        reason = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise CaseError(f"not a DXF file that can be read ({reason}); save it as DXF R2010 or newer") from None
+    lines = [Line(np.array(points), layer) for layer, points in drawn if len(points) > 1]
+    if not lines:
         raise CaseError("its model space holds no lines, polylines, arcs or splines")
-    extents = bbox.extents(entities)
-    limit = sagitta or 1e-4 * max(extents.size.x, extents.size.y)
-    lines = []
-    for entity in entities:
-        points = np.array([[p.x, p.y] for p in ezpath.make_path(entity).flattening(limit)])
-        if len(points) > 1 and np.isfinite(points).all():
-            lines.append(Line(points, entity.dxf.layer))
-    return Lines(lines, _UNITS.get(int(document.header.get("$INSUNITS", 0)), ""))
+    return Lines(lines, unit)
 
 
 def _flat(entities: Any, depth: int = 0) -> Iterator[DXFEntity]:

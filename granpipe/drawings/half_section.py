@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granpipe.drawings.lines import Line, Lines, Points
+from granpipe.drawings.lines import LARGEST, Line, Lines, Points
 from granpipe.errors import CaseError
 
 if TYPE_CHECKING:
@@ -78,6 +78,8 @@ def half_section(drawing: Lines, axis: float | None = None, up: str = "y") -> Ha
     if how:
         notes.append(f"axis at {place:.9g}: {how}")
     halves = [Line(points, line.layer) for line in used for points in _right_half(line.points, place, tolerance)]
+    if not any(np.ptp(line.points, axis=0).max() > tolerance for line in halves):
+        raise CaseError(f"nothing is drawn right of the axis at {place:.9g}")
     flow, given = _areas(halves, tolerance)
     wall, obstacles = _envelope(flow, [area for _, area in given], tolerance)
     _check_shell(wall, obstacles)
@@ -123,9 +125,11 @@ def _turned(points: Points, up: str) -> Points:
 
 def _size(lines: Sequence[Line]) -> float:
     every = np.concatenate([line.points for line in lines])
+    if not (np.abs(every) <= LARGEST).all():
+        raise CaseError(f"a coordinate is no number, or beyond {LARGEST:g}")
     size = float(np.ptp(every, axis=0).max())
-    if not 0 < size < np.inf:
-        raise CaseError("all points are the same, or no numbers")
+    if size == 0:
+        raise CaseError("all points are the same")
     return size
 
 
@@ -196,7 +200,8 @@ def _areas(lines: Sequence[Line], tolerance: float) -> tuple[Polygon, list[tuple
     """The area where solids flow, and what closed lines beside it bound, each with its layer."""
     from shapely import LineString, Polygon, polygonize, union_all
 
-    joined = _snapped([line.points for line in lines], tolerance)
+    snapped = zip(lines, _snapped([line.points for line in lines], tolerance), strict=True)
+    lines, joined = zip(*((line, points) for line, points in snapped if len(points) > 1), strict=True)
     paths = [LineString(points) for points in joined]
     _check_gaps(paths, tolerance)
     every = np.concatenate(joined)
@@ -217,7 +222,7 @@ def _areas(lines: Sequence[Line], tolerance: float) -> tuple[Polygon, list[tuple
 
 
 def _snapped(paths: Sequence[Points], tolerance: float) -> list[Points]:
-    """The same polylines, points nearer than the tolerance made one, repeated points dropped."""
+    """The same polylines, points nearer than the tolerance made one; a short one may be left with a single point."""
     from scipy.spatial import cKDTree
 
     every = np.concatenate(paths)
@@ -225,8 +230,7 @@ def _snapped(paths: Sequence[Points], tolerance: float) -> list[Points]:
     same = every[first[first]]
     same[:, 1] = _levelled(same[:, 1], tolerance)
     ends = np.cumsum([len(path) for path in paths])[:-1]
-    kept = [path[np.r_[True, (np.diff(path, axis=0) != 0).any(axis=1)]] for path in np.split(same, ends)]
-    return [path for path in kept if len(path) > 1]
+    return [path[np.r_[True, (np.diff(path, axis=0) != 0).any(axis=1)]] for path in np.split(same, ends)]
 
 
 def _levelled(heights: Points, tolerance: float) -> Points:

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 Points = NDArray[np.float64]
 
+LARGEST = 1e9
+"""Of any coordinate, in the drawing's unit."""
+
 
 @dataclass(frozen=True, eq=False)
 class Line:

@@ -32,14 +32,14 @@ def read_mphtxt(path: Path, sagitta: float | None = None) -> Lines:
     try:
         words = _words(path)
         points, elements = _mesh(words)
-    except (StopIteration, RuntimeError, ValueError, UnicodeDecodeError):
+    except (StopIteration, RuntimeError, ValueError, IndexError, OverflowError):
         raise CaseError("no mesh in COMSOL's text format, or cut short; export it as .mphtxt (text)") from None
     if not elements:
         raise CaseError("the mesh has no triangles or quadrilaterals; export the mesh of the r–z domain")
     edges = np.sort(np.concatenate([np.stack([e, np.roll(e, -1, axis=1)], axis=2).reshape(-1, 2) for e in elements]))
     single, count = np.unique(edges, axis=0, return_counts=True)
     boundary = single[count == 1]
-    if (boundary >= len(points)).any() or not np.isfinite(points).all():
+    if (boundary < 0).any() or (boundary >= len(points)).any() or not np.isfinite(points).all():
         raise CaseError("damaged: elements with vertices that are not there")
     return Lines([Line(points[edge]) for edge in boundary], half=True)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from granpipe.drawings.lines import Line, Lines, Points
+from granpipe.drawings.lines import LARGEST, Line, Lines, Points
 from granpipe.errors import CaseError
 
 FEWEST_FACETS = 8
@@ -43,6 +43,8 @@ def read_surface(path: Path, sagitta: float | None = None, up: str = "") -> Line
         profile = np.stack([np.hypot(*flat.T), height], axis=1)
         ring = _rings(profile, 2 * _PRECISION * size)
         wide = profile[:, 0] > 1e-3 * size
+        if not wide.any():
+            continue
         gap = _widest_gap(np.arctan2(flat[:, 1], flat[:, 0])[wide], ring[wide])
         if gap <= 2 * np.pi / FEWEST_FACETS + 1e-6:
             return Lines(_profile(profile, ring, triangles), half=True, precision=2 * _PRECISION)
@@ -60,8 +62,8 @@ def _read(path: Path) -> tuple[Points, NDArray[np.int64]]:
         points, triangles = np.asarray(mesh.points, dtype=float), np.concatenate(cells)
     except Exception as error:  # meshio's readers raise whatever a damaged file makes them stumble over
         raise CaseError(f"no triangles can be read from it ({type(error).__name__}: {error})") from None
-    if len(triangles) == 0 or not np.isfinite(points).all() or triangles.max(initial=0) >= len(points):
-        raise CaseError("damaged: triangles with corners that are not there, or no numbers")
+    if len(triangles) == 0 or not (np.abs(points) <= LARGEST).all() or triangles.max(initial=0) >= len(points):
+        raise CaseError(f"damaged: triangles with corners that are not there, no numbers, or beyond {LARGEST:g}")
     return points, triangles
 
 
