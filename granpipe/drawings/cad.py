@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import os
-from collections.abc import Iterator, Sequence
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +25,17 @@ _SAME_VOLUME = 1e-3
 
 _MOST_POINTS = 4096  # of a curve
 
+_UNREADABLE = "not a STEP or BREP file that OpenCASCADE reads; export it again, as STEP AP214"
+
+TIMEOUT = 300.0
+"""Seconds after which OpenCASCADE is ended."""
+
 
 def read_cad(path: Path, sagitta: float | None = None, up: str = "") -> Lines:
     """The boundary of the half section of a CAD file, as radius and height.
 
     A file with bodies is cut by a half plane through the axis of its bounding box; one with faces alone is the section.
+    OpenCASCADE works in a process of its own: some damaged files end it.
 
     Parameters
     ----------
@@ -37,30 +46,37 @@ def read_cad(path: Path, sagitta: float | None = None, up: str = "") -> Lines:
     ------
     CaseError : no such file, not a body of revolution, or no face is left of it
     """
+    with tempfile.TemporaryDirectory() as folder:
+        answer = Path(folder) / "lines.json"
+        asked = json.dumps({"path": str(path), "sagitta": sagitta, "up": up, "answer": str(answer)})
+        command = [sys.executable, "-m", "granpipe.drawings.cad", asked]
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            subprocess.run(command, capture_output=True, timeout=TIMEOUT, check=False)
+        found = json.loads(answer.read_text()) if answer.exists() else {"error": _UNREADABLE}
+    if "error" in found:
+        raise CaseError(found["error"])
+    unit = "m" if path.suffix.lower() in (".step", ".stp") else ""
+    return Lines([Line(np.array(points)) for points in found["lines"]], unit, half=True)
+
+
+def _answer(asked: str) -> None:
+    """What the process does that `read_cad` starts: write lines, or why there are none, into a file."""
+    question = json.loads(asked)
+    path = Path(question["path"])
+    answer: dict[str, Any]
     try:
-        with _quiet(), gmsh_session(f"read {path.name}") as gmsh:
+        with gmsh_session(f"read {path.name}") as gmsh:
             gmsh.option.setString("Geometry.OCCTargetUnit", "M")
             gmsh.model.occ.importShapes(str(path))
             gmsh.model.occ.synchronize()
-            bodies = gmsh.model.getEntities(3)
+            bodies, sagitta, up = gmsh.model.getEntities(3), question["sagitta"], question["up"]
             lines = _cut(gmsh, bodies, sagitta, up) if bodies else _face(gmsh, sagitta, up)
+            answer = {"lines": [line.points.tolist() for line in lines]}
+    except CaseError as error:
+        answer = {"error": error.message}
     except MeshError:
-        raise CaseError("not a STEP or BREP file that OpenCASCADE reads; export it again, as STEP AP214") from None
-    unit = "m" if path.suffix.lower() in (".step", ".stp") else ""
-    return Lines(lines, unit, half=True, precision=1e-6)
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """OpenCASCADE prints its own errors on standard output."""
-    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
-        os.close(nowhere)
+        answer = {"error": _UNREADABLE}
+    Path(question["answer"]).write_text(json.dumps(answer))
 
 
 def _box(gmsh: Any) -> tuple[Points, Points]:
@@ -145,3 +161,7 @@ def _flattened(gmsh: Any, curve: int, sagitta: float) -> Points:
 
 def _straight(gmsh: Any, curve: int) -> bool:
     return bool(gmsh.model.getType(1, curve) == "Line")
+
+
+if __name__ == "__main__":
+    _answer(sys.argv[1])
