@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -27,9 +27,9 @@ from granpipe.pipeline.gates import (
     SIZE_SHARE,
     SMOOTHING,
     Gate,
+    asymmetry_gate,
     breach_gates,
     cells_gate,
-    lean_gate,
     run_notes,
     upward_gate,
 )
@@ -58,13 +58,13 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
         gates=(
             *average_gates(plan.case, averaged, merge(steady)),
             *(_size_gate(bed) for bed in settled),
-            *(limit.gate(settled[0]["overlap"][name]) for limit, name in zip(OVERLAPS, ("mean", "p99"), strict=True)),
+            *_overlap_gates(bed["overlap"] for bed in settled),
             PACKING.gate(averaged.plug.packing),
             *(discharge.gates if discharge is not None else ()),
             upward_gate(field),
             cells_gate(plan),
             *(() if changed is None else (SMOOTHING.gate(changed),)),
-            *((lean_gate(figures["off_centre"]),) if "off_centre" in figures else ()),
+            *((asymmetry_gate(figures["off_centre"]),) if "off_centre" in figures else ()),
             *breach_gates(plan.breaches),
         ),
         figures=figures
@@ -95,6 +95,12 @@ def _discharge(plan: Plan, steady: Sequence[Sums], productions: Sequence[Product
     reports = {production.run: production.reports() for production in productions}
     near_outlet = plug_range(plan.outline, plan.grid)
     return measure_discharge(steady, near_outlet, plan.case.material.density, reports, plan.dem.time_step)
+
+
+def _overlap_gates(overlaps: Iterable[dict[str, float]]) -> list[Gate]:
+    """Overlap of the particles of the softest settled bed."""
+    found = list(overlaps)
+    return [OVERLAPS[i].gate(max(one[name] for one in found)) for i, name in enumerate(("mean", "p99"))]
 
 
 def _size_gate(bed: dict[str, Any]) -> Gate:

@@ -135,13 +135,17 @@ def _errors(field: Field, followed: Followed) -> tuple[Array | None, Array | Non
 
 
 def _differences(field: Field, part: Field, span: Span) -> dict[str, float]:
-    """How far the fluid is from what it follows: in the span's own sections, and in the margins above and below."""
+    """How far the fluid is from what it follows: in the span's own sections, and in the margins beyond, less noise."""
     ranges = {
         "sections": (span.bottom, span.top),
         "upper seam": (span.top, span.cut_top),
         "lower seam": (span.cut_bottom, span.bottom),
     }
-    return {name: _difference(field, part, low, high) for name, (low, high) in ranges.items() if low < high}
+    return {
+        name: _difference(field, part, low, high, noise=name != "sections")
+        for name, (low, high) in ranges.items()
+        if low < high
+    }
 
 
 def _following_gates(differences: Mapping[str, Mapping[str, float]]) -> list[Gate]:
@@ -152,18 +156,23 @@ def _following_gates(differences: Mapping[str, Mapping[str, float]]) -> list[Gat
     ]
 
 
-def _difference(field: Field, part: Field, low: float, high: float) -> float:
-    """E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells of both between two levels, A their ring areas × height."""
+def _difference(field: Field, part: Field, low: float, high: float, noise: bool) -> float:
+    """E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells of both between two levels, A their ring areas × height.
+
+    With `noise` less what the standard errors of the part explain; 0 where there is nothing to compare.
+    """
     rows = _rows(part.grid, field.grid.z_edges)
     at = slice(rows.start, rows.stop - 1)
     columns = part.grid.shape[1]
     chosen = part.bulk & field.bulk[at, :columns]
     chosen &= ((part.grid.z_centres > low) & (part.grid.z_centres < high))[:, None]
-    a, b = field.velocity_scale, part.velocity_scale
-    apart_r, apart_z = (
-        field.flux_r[at, : columns + 1] * a - part.flux_r * b,
-        field.flux_z[rows, :columns] * a - part.flux_z * b,
-    )
+    scale = field.velocity_scale / part.velocity_scale
+    apart_r = field.flux_r[at, : columns + 1] * scale - part.flux_r
+    apart_z = field.flux_z[rows, :columns] * scale - part.flux_z
     weight = np.where(chosen, part.grid.ring_area, 0.0)
-    error = float((weight * cell_squares(apart_r, apart_z)).sum())
-    return float(np.sqrt(error / (weight * cell_squares(part.flux_r * b, part.flux_z * b)).sum()))
+    error, flux = (
+        float((weight * cell_squares(r, z)).sum()) for r, z in ((apart_r, apart_z), (part.flux_r, part.flux_z))
+    )
+    if noise and part.flux_r_se is not None and part.flux_z_se is not None:
+        error -= float((weight * cell_squares(part.flux_r_se, part.flux_z_se)).sum())
+    return float(np.sqrt(max(0.0, error) / flux)) if flux else 0.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granpipe.field import Field, Grid, flux_from_psi
-from granpipe.pipeline.gates import GATES, NOTES, PACKING, SMOOTHING, lean_gate, run_notes, upward_gate
+from granpipe.pipeline.gates import GATES, NOTES, PACKING, SMOOTHING, asymmetry_gate, run_notes, upward_gate
 from granpipe.pipeline.gates_page import gates_page
 
 ROOT = Path(__file__).parents[2]
@@ -41,23 +41,32 @@ def test_a_part_is_given_in_percent_with_the_remedy():
     )
 
 
-def off_centre(amplitude: float, error: float) -> dict[str, object]:
-    return {"amplitudes": [amplitude, 0.0], "amplitudes_se": [error, 0.0]}
+def off_centre(first: float, error: float, second: float = 0.0, swirl: float = 0.0) -> dict[str, object]:
+    return {"amplitudes": [first, second], "amplitudes_se": [error, error], "swirl": swirl, "swirl_se": error}
 
 
 @pytest.mark.parametrize(
     ("amplitude", "error", "passed"),
     [(0.25, 0.05, False), (0.22, 0.05, False), (0.18, 0.05, True), (0.08, 0.01, True), (0.02, 0.03, True)],
 )
-def test_a_lean_is_marked_where_it_is_large_and_beyond_doubt(amplitude, error, passed):
-    gate = lean_gate({"shaft": off_centre(0.01, 0.02), "cone": off_centre(amplitude, error)})
+def test_an_asymmetry_is_marked_where_it_is_large_and_beyond_doubt(amplitude, error, passed):
+    gate = asymmetry_gate({"shaft": off_centre(0.01, 0.02), "cone": off_centre(amplitude, error)})
     assert gate.passed == passed
-    assert passed or gate.name == "flow to one side, section cone"
+    assert passed or gate.name.endswith(", to one side in section cone")
 
 
-def test_a_lean_is_noted_from_three_standard_errors_on():
-    figures = {"off_centre": {"shaft": off_centre(0.05, 0.02), "cone": off_centre(0.08, 0.02)}}
-    assert run_notes(figures) == ["section cone: 8% ± 2% of the flow lean to one side"]
+def test_a_flow_with_two_lobes_is_marked_too():
+    gate = asymmetry_gate({"cone": off_centre(0.11, 0.02, second=0.2)})
+    assert (gate.value, gate.passed) == (0.2, False)
+    assert gate.name.endswith(", to two sides in section cone")
+
+
+def test_an_asymmetry_is_noted_from_three_standard_errors_on():
+    figures = {"off_centre": {"shaft": off_centre(0.05, 0.02), "cone": off_centre(0.08, 0.02, swirl=-0.07)}}
+    assert run_notes(figures) == [
+        "section cone: 8% ± 2% of the flow lean to one side",
+        "section cone: turns at -7% ± 2% of its downward speed",
+    ]
 
 
 def test_sections_that_turned_over_less_than_once_depend_on_the_filling():

@@ -11,13 +11,17 @@ import pytest
 
 from granpipe.case.reader import read_case
 from granpipe.errors import CaseError
-from granpipe.field import Field
+from granpipe.field import Field, flux_from_psi
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid.wall_speed import WallLaw
 from granpipe.geometry.section import mesh_section
+from granpipe.pipeline.context import Context
 from granpipe.pipeline.fluid_field import fluid_field
+from granpipe.pipeline.hybrid_field import hybrid_field
 from granpipe.pipeline.known_field import known_results
 from granpipe.planning.plan import Plan, make_plan
+from granpipe.progress import Silent
+from granpipe.system.store import Store
 
 Points = list[list[float]]
 
@@ -28,17 +32,14 @@ def plan_of(
     obstacles: dict[str, Points] | None = None,
     sections: dict[str, object] | None = None,
     model: str = "fluid",
+    diameter: str = "0.1 mm",
     **fluid: object,
 ) -> Plan:
     case = {
         "name": "vessel",
         "outline": {"unit": "m", "wall": wall, "obstacles": obstacles or {}}
         | ({"sections": sections} if sections else {}),
-        "material": {
-            "density": "2500 kg/m^3",
-            "bulk_density": "1500 kg/m^3",
-            "size": {"diameter": "0.1 mm" if model == "fluid" else "1 cm"},
-        },
+        "material": {"density": "2500 kg/m^3", "bulk_density": "1500 kg/m^3", "size": {"diameter": diameter}},
         "flow_rate": "1e-6 m^3/h",
         "model": model,
         "fluid": fluid,
@@ -150,7 +151,11 @@ def saved(folder: Path, wall: Points, name: str = "field.npz") -> Path:
 
 
 def followed(folder: Path, path: Path) -> list[tuple[object, object]]:
-    return list(known_results(plan_of(folder, VESSEL, sections=SECTIONS, model="hybrid", known_field=str(path))))
+    return list(
+        known_results(
+            plan_of(folder, VESSEL, sections=SECTIONS, model="hybrid", diameter="8 cm", known_field=str(path))
+        )
+    )
 
 
 def test_the_field_of_the_same_vessel_is_followed(tmp_path: Path) -> None:
@@ -201,3 +206,36 @@ def test_the_marks_of_the_run_that_is_followed_stay_with_the_hybrid(tmp_path: Pa
     ((_, made),) = followed(tmp_path, path)
     assert [gate.name for gate in made.gates] == [f"{path}: packing in the plug"]
     assert made.notes == ()
+
+
+# --- seams ------------------------------------------------------------------------------------------------------------
+
+
+def hybrid_failures(folder: Path, core: float, factor: float = 1e5) -> list[str]:
+    """Gates that fail where the known flow's core is so many times as fast as its mean; without eddies, walls slip."""
+    wall: Points = [[0.5, 4], [0.5, 2], [1, 2], [1, 0]]
+    path, sections = str(folder / "field.npz"), {"pipe": [4, 2], "chamber": [2, 0]}
+    plan = plan_of(
+        folder, wall, sections=sections, model="hybrid", diameter="8 cm", known_field=path, force_factor=factor
+    )
+    solution = solve_fluid(mesh_section(plan.outline.wall, {}, {}), WallLaw(walls="slip", solids="slip"), 1.0)
+    field = to_field(solution, plan.grid, plan.outline.inside_fraction(plan.grid), 0.6)
+    assert field.psi is not None
+    psi = field.psi[:, -1:] * (1 - (1 - field.psi / field.psi[:, -1:]) ** core)
+    flux_r, flux_z = flux_from_psi(psi, field.grid)
+    replace(field, psi=psi, flux_r=flux_r, flux_z=flux_z).save(folder / "field.npz")
+    store = Store(folder / "store")
+    return [gate.name for gate in hybrid_field(plan, Context(store, {}, Silent(), 1)).gates if not gate.passed]
+
+
+def test_a_hybrid_that_follows_a_plug_passes(tmp_path: Path) -> None:
+    assert hybrid_failures(tmp_path, core=1.0) == []
+
+
+def test_a_fast_core_that_the_fluid_beyond_the_seam_cannot_have_is_marked(tmp_path: Path) -> None:
+    assert "difference at a seam, upper seam of chamber" in hybrid_failures(tmp_path, core=4.0)
+
+
+def test_a_force_that_is_too_weak_is_marked(tmp_path: Path) -> None:
+    names = hybrid_failures(tmp_path, core=2.0, factor=1.0)
+    assert "difference of the fluid from the flow that it follows, sections of chamber" in names
