@@ -39,7 +39,7 @@ from granpipe.pipeline.dump_grid import grid_round
 from granpipe.pipeline.dump_survey import JUMP, Survey, survey
 from granpipe.pipeline.dump_window import Request, window
 from granpipe.pipeline.extra_fields import ExtraSums, with_derived
-from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, lean_gate, run_notes, upward_gate
+from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, asymmetry_gate, run_notes, upward_gate
 from granpipe.planning.flow import check_flow_rate
 
 _SEGMENTS = 40
@@ -159,7 +159,7 @@ def _average_gates(
     """What a run of granpipe would have to pass."""
     gates = [*average_gates(case, averaged, merge(parts)), upward_gate(averaged.field)]
     if "off_centre" in figures:
-        gates.append(lean_gate(figures["off_centre"]))
+        gates.append(asymmetry_gate(figures["off_centre"]))
     changed = smoothing_change(averaged.field, parts, diameter)
     return gates if changed is None else [*gates, SMOOTHING.gate(changed)]
 
