@@ -11,7 +11,12 @@ SOURCE = "--set"
 
 
 def override(data: dict[str, Any], places: Places, dotted: str, text: str) -> None:
-    """Set one key of `data` to the value that the YAML text says; groups on the way are made where missing."""
+    """Set one key of `data` to the value that the YAML text says; missing groups are made.
+
+    Raises
+    ------
+    CaseError : the key is not dotted text, or passes through a single value
+    """
     path = tuple(dotted.split("."))
     if not all(path):
         raise CaseError(f"`{dotted}` is not a dotted key such as dem.seed", place=SOURCE)

@@ -79,7 +79,8 @@ class Section(Group):
     )
     regime: Annotated[Regime | None, OneOf(Regime)] = Field(
         default=None,
-        description="How the material flows here, where you know it better than a formula (Jenike's term).",
+        description="How the hopper flows (Jenike's terms), if you know it; overrides the formula. A wall "
+        "more than 60° from the vertical is a floor all the same.",
     )
     wall_factor: Annotated[float | None, Quantity(at_least=0, at_most=1)] = Field(
         default=None,
@@ -88,7 +89,7 @@ class Section(Group):
     )
     model: Annotated[SectionModel | None, OneOf(SectionModel)] = Field(
         default=None,
-        description="Says by which model this section is to be computed, against the planner's own choice.",
+        description="Model of this section; overrides the planner's choice.",
     )
 
     @property
@@ -325,7 +326,7 @@ class Size(Group):
     diameter: Annotated[Spread | None, _SPREAD_SHORT] = Field(default=None, description="Sizes as diameters.")
     by: Annotated[By, OneOf(By)] = Field(
         default="number",
-        description="What the distribution counts: particles or their mass. A sieve table must say it.",
+        description="Whether the distribution is by number of particles or by mass; a sieve analysis must say which.",
     )
     classes: Annotated[int, Whole(1, 50)] = Field(
         default=7, description="Number of particle classes that stand for a normal or lognormal distribution."
@@ -417,8 +418,8 @@ class Contact(Group):
     youngs_modulus: Annotated[float | Literal["auto"], Quantity(PRESSURE, at_least=1e3, at_most=1e13, auto=True)] = (
         Field(
             default="auto",
-            description="Young's modulus; `auto` is as soft as limits on the overlap of particles under the bed's own "
-            "weight allow, which is fast.",
+            description="Young's modulus; `auto`: the softest that keeps the overlaps under the bed's own weight "
+            "within their limits, which allows long time steps.",
         )
     )
     poisson: Annotated[float, Quantity(at_least=0, at_most=0.5)] = Field(default=0.35, description="Poisson's ratio.")
@@ -462,7 +463,7 @@ class Contact(Group):
 
 @dataclass(frozen=True)
 class FlowRate:
-    """The flow that the process asks for: either `volume` of bulk [m³/s] or `mass` [kg/s]."""
+    """The flow rate of the process: either `volume` of bulk [m³/s] or `mass` [kg/s]."""
 
     volume: float | None = None
     mass: float | None = None
@@ -478,7 +479,7 @@ class FlowRate:
 
 
 class Dem(Group):
-    """The simulation of the particles."""
+    """The DEM simulation."""
 
     coarse_grain_factor: Annotated[float, Quantity(at_least=1, at_most=100)] = Field(
         default=1.0, description="Particles are enlarged by this factor: fewer of them, the same material."
@@ -498,15 +499,14 @@ class Dem(Group):
     )
     max_time: Annotated[float, Quantity(TIME, above=0, at_most=1e6)] = Field(
         default=20.0,
-        description="Simulated time of production, after filling and settling, at the most. It sizes the plate's "
-        "travel.",
+        description="Longest production, in simulated time after filling and settling.",
     )
     replicas: Annotated[int, Whole(1, 1000)] = Field(
         default=1,
         description="Independent runs with the seeds `seed`, `seed` + 1, …, side by side on the free cores, and one "
         "average of all.",
     )
-    seed: Annotated[int, Whole(0)] = Field(default=1, description="Every random number follows from it.")
+    seed: Annotated[int, Whole(0)] = Field(default=1, description="Seed of all random numbers.")
     outlet: Annotated[Outlet, OneOf(Outlet)] = Field(
         default="plate", description="The bed rests on a plate that moves down, or discharges freely."
     )
@@ -522,7 +522,7 @@ class Dem(Group):
         default="auto", description="MPI processes; `auto` uses the free cores as far as it helps."
     )
     keep_snapshots: Annotated[Snapshots, OneOf(Snapshots)] = Field(
-        default="none", description="What remains of the snapshots, which are averaged while LIGGGHTS runs."
+        default="none", description="Which snapshots to keep; they are averaged while LIGGGHTS runs."
     )
 
 
@@ -530,12 +530,14 @@ class Homogenize(Group):
     """From particles to a field."""
 
     cell: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=10, auto=True)] = Field(
-        default="auto", description="Edge of a cell of the r–z grid; `auto` is a part of the mean particle diameter."
+        default="auto",
+        description="Edge length of the cells of the r–z grid; `auto`: a quarter of the Sauter diameter, or a "
+        "fortieth of the narrowest opening for a fluid.",
     )
     method: Annotated[Method, OneOf(Method)] = Field(
         default="psi",
-        description="How the average is made to conserve: a fitted stream function (psi), or scaled rows and "
-        "Gaussian smoothing (gaussian).",
+        description="How the average is made to conserve mass: by fitting a stream function (psi), or by "
+        "scaling rows and Gaussian smoothing (gaussian).",
     )
     start: Annotated[float | Literal["auto"], Quantity(TIME, at_least=0, at_most=1e6, auto=True)] = Field(
         default="auto", description="Production time at which averaging begins, after the transient."
@@ -545,8 +547,9 @@ class Homogenize(Group):
     )
     fields: Annotated[tuple[MoreFields, ...], SomeOf(MoreFields)] = Field(
         default=(),
-        description="What else to give: velocity of the particles in every cell, packing of each size class and Sauter "
-        "diameter, slip and contact along the walls, pressure on them, how long the solids stay.",
+        description="Further results: velocity of the particles in every cell, packing of each size class and "
+        "Sauter diameter, slip and contact along the walls, pressure on the walls, residence "
+        "time.",
     )
 
     @model_validator(mode="after")
@@ -608,13 +611,12 @@ class Case(Group):
         default_factory=Contact,
         description="How particles touch; defaults as in Sparta & Halvorsen (2017), but for the stiffness.",
     )
-    flow_rate: Annotated[FlowRate, Flow(FlowRate.of)] = Field(description="The flow that the process asks for.")
+    flow_rate: Annotated[FlowRate, Flow(FlowRate.of)] = Field(description="Flow rate of the process.")
     model: Annotated[Model, OneOf(Model)] = Field(
         default="auto",
-        description="By which model: fictitious fluid, particles (dem), both joined (hybrid), or what the sections "
-        "need (auto).",
+        description="Fictitious fluid, particles (dem), both joined (hybrid), or what the sections need (auto).",
     )
-    dem: Dem = Field(default_factory=Dem, description="The simulation of the particles.")
+    dem: Dem = Field(default_factory=Dem, description="The DEM simulation.")
     homogenize: Homogenize = Field(default_factory=Homogenize, description="From particles to a field.")
     fluid: Fluid = Field(default_factory=Fluid, description="The fictitious fluid.")
     export: Annotated[tuple[Format, ...], SomeOf(Format)] = Field(

@@ -79,7 +79,12 @@ def accepted(dimension: Dimension) -> str:
 
 
 def in_si(value: Any, dimension: Dimension) -> float:
-    """The SI value of a YAML scalar (number or text); UnitError unless it is of the given dimension."""
+    """The SI value of a YAML scalar, a number or text.
+
+    Raises
+    ------
+    UnitError : it is not a finite quantity of the given dimension
+    """
     number, scale, powers = _parsed(value, dimension)
     if powers is not None and powers != dimension.powers:
         raise UnitError(f"must be {accepted(dimension)}")
@@ -92,7 +97,12 @@ def in_si(value: Any, dimension: Dimension) -> float:
 
 
 def flow_in_si(value: Any) -> tuple[float, Dimension]:
-    """A flow rate in m³/s or kg/s, as its own unit tells."""
+    """A flow rate in m³/s or kg/s, and which of the two it is by its unit.
+
+    Raises
+    ------
+    UnitError : it is neither
+    """
     expected = "must be a flow with its unit, such as 1 m^3/h (of bulk) or 2 t/h"
     if not isinstance(value, str):
         raise UnitError(expected)

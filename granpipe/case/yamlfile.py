@@ -63,9 +63,15 @@ CASE_EXAMPLE = "`granpipe init` writes a commented starter case"
 
 
 def read_yaml(path: Path, example: str = CASE_EXAMPLE) -> tuple[dict[str, Any], Places]:
-    """Plain data and places of a YAML file that must hold a mapping; CaseError says what is wrong with it.
+    """Plain data of a YAML file, which must hold a mapping, and the places of its keys.
 
-    `example` tells the user of a missing file where one is to be had.
+    Parameters
+    ----------
+    example : where to get a file, for the message where there is none
+
+    Raises
+    ------
+    CaseError : the file cannot be read, is too large, or is not YAML that means one thing
     """
     return parse_yaml(text_of(path, example), path.name, example)
 
@@ -177,7 +183,7 @@ class _Reader:
         for name_node, value_node in node.value:
             name = name_node.value
             if not isinstance(name, str) or not name.isprintable() or not 0 < len(name) <= MAX_KEY:
-                raise CaseError("a key must be a word", key, self._place(name_node))
+                raise CaseError("a key must be text of 1 to 64 printable characters", key, self._place(name_node))
             path = (*key, name)
             if name in data:
                 raise CaseError(f"given twice (first at {self.places.locate(path)})", path, self._place(name_node))

@@ -143,7 +143,29 @@ class Decision:
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything numerical that the decks need; SI units."""
+    """Everything numerical that the decks need; SI units.
+
+    Parameters
+    ----------
+    classes : sizes of the simulated particles, coarse-grained ones enlarged
+    youngs_modulus : of the particles [Pa]
+    rayleigh_time : of the smallest particle [s]
+    time_step : [s]
+    plate_speed : downwards [m/s]; 0 with an open outlet
+    inlet_speed : of the bed at the inlet [m/s]
+    open_outlet : the bed discharges freely
+    feed_bottom, feed_top : levels between which particles are inserted [m]
+    wall_top : upper end of the reservoir's wall [m]
+    plate_z : level of the plate at the start [m]
+    bottom : lower end of the simulated space [m]
+    skin : of the neighbour lists [m]
+    dump_every : steps between snapshots
+    segment_steps : steps of a segment of production
+    segments : of production, at the most
+    ranks : MPI processes
+    particles : expected, after filling
+    decisions : every setting with the rule behind it
+    """
 
     classes: SizeClasses
     youngs_modulus: float
@@ -182,7 +204,12 @@ class Settings:
 
 
 def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
-    """Settle every number of the DEM run for so many cores; CaseError where the case asks for the impossible."""
+    """Settle every number of the DEM run for so many cores.
+
+    Raises
+    ------
+    CaseError : the case asks for what is physically impossible, or for more particles than any computer holds
+    """
     classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
     _check_number(classes, vessel)
     gap_decisions = [check_gap(opening, classes, case.dem.coarse_grain_factor) for opening in vessel.openings]
@@ -217,7 +244,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         plate_speed=0.0 if open_outlet else speed,
         inlet_speed=inlet_speed,
         open_outlet=open_outlet,
-        feed_bottom=level - feed / 2,  # it holds half its height of bed when it is content
+        feed_bottom=level - feed / 2,  # half its height is filled when the bed is topped up
         feed_top=level + feed / 2,
         wall_top=level + feed / 2 + 2 * classes.largest,
         plate_z=plate_z,
@@ -320,8 +347,8 @@ def _reservoir_height(case: Case, vessel: Vessel, classes: SizeClasses) -> float
 
 def _check_rest(case: Case) -> None:
     """CaseError where contacts neither rub nor lose energy."""
-    parts = case.contact
-    if parts.restitution == 1 and parts.friction == 0:
+    law = case.contact
+    if law.restitution == 1 and law.friction == 0:
         raise CaseError(
             "particles that neither rub (contact.friction: 0) nor lose energy (restitution: 1) never come to rest; "
             "give one of the two",
@@ -330,9 +357,9 @@ def _check_rest(case: Case) -> None:
 
 
 def _youngs_modulus(case: Case, stress: BedStress) -> tuple[float, Decision]:
-    parts = case.contact
-    needed = contact.softened_modulus(stress.mean, stress.peak, parts.poisson)
-    youngs = contact.two_digits_up(needed) if parts.youngs_modulus == "auto" else float(parts.youngs_modulus)
+    law = case.contact
+    needed = contact.softened_modulus(stress.mean, stress.peak, law.poisson)
+    youngs = contact.two_digits_up(needed) if law.youngs_modulus == "auto" else float(law.youngs_modulus)
     criterion = (
         f"overlap at most {contact.MEAN_OVERLAP:.1%} on average and {contact.P99_OVERLAP:.1%} at the 99th percentile "
         f"under Janssen's {stress.mean:.3g} Pa on average and {stress.peak:.3g} Pa at most"
@@ -348,8 +375,8 @@ def _time_step(
     material, poisson = case.material, case.contact.poisson
     rayleigh = contact.rayleigh_time(classes.smallest, material.density, youngs, poisson)
     hertz = contact.hertz_time(classes.smallest, material.density, youngs, poisson, speed)
-    parts = case.contact
-    share = contact.step_share(parts.rolling_model, min(parts.restitution, parts.wall.restitution))
+    law = case.contact
+    share = contact.step_share(law.rolling_model, min(law.restitution, law.wall.restitution))
     limits = {
         f"{share:.2g} of the smallest particle's Rayleigh time of {rayleigh:.3g} s": share * rayleigh,
         f"{contact.HERTZ_SHARE:g} of its collision of {hertz:.3g} s at {speed:.3g} m/s": contact.HERTZ_SHARE * hertz,

@@ -68,7 +68,12 @@ class SizeClasses:
 
 
 def size_classes(size: Size) -> SizeClasses:
-    """Cut the distribution of a case into classes."""
+    """Cut the distribution of a case into classes of radii [m].
+
+    Raises
+    ------
+    CaseError : the distribution is so narrow that no class holds any of it
+    """
     radii = size.radii
     if radii.mono is not None:
         return SizeClasses(np.array([radii.mono]), np.array([1.0]))

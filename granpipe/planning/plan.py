@@ -24,7 +24,7 @@ from granpipe.system.rates import RANK_GAIN
 Model = Literal["dem", "fluid", "hybrid"]
 
 CELLS_PER_DIAMETER = 4
-"""Cells per Sauter diameter: smaller than the particles, as the paper has it; finer costs time and gains nothing."""
+"""Cells per Sauter diameter: smaller than the particles, as in Sparta & Halvorsen (2017); finer gains nothing."""
 
 CELLS_PER_OPENING = 40
 """Cells across the narrowest opening where there are no particles to measure by."""
@@ -121,11 +121,15 @@ class Plan:
 
 
 def make_plan(case: Case, cores: int = 1) -> Plan:
-    """Decide everything; CaseError where the case asks for the impossible.
+    """Decide everything. Pure: the same case and cores give the same plan on every machine.
 
     Parameters
     ----------
     cores : that the run may keep busy: they decide the number of ranks and the forecast, nothing else
+
+    Raises
+    ------
+    CaseError : the case asks for what is impossible, or for a model that cannot be right
     """
     scene = _Scene(case, cores)
     return scene.plan(scene.choose_model())
@@ -268,7 +272,7 @@ class _Scene:
         except MeshError as too_fine:
             raise CaseError(str(too_fine), ("material", "size")) from None
         error = turn.chord_error(radius) / diameter
-        breach = "" if error <= CHORD_LIMIT else f"the wall stands up to {error:.2g} particle diameters off"
+        breach = "" if error <= CHORD_LIMIT else f"the facets are up to {error:.2g} particle diameters off the wall"
         criterion = (
             f"circle at most {CHORD_ERROR:g} particle diameters above the chord, at least {FEWEST_FACETS} facets"
         )

@@ -30,8 +30,8 @@ class Floor:
     ----------
     reach : level up to which it disturbs the flow [m]
     text : what it is, for messages
-    key : where the case has it
-    certain : no word of the case can make a mass-flow hopper of it
+    key : of the case
+    certain : a floor by its shape, whatever regime the case gives
     """
 
     z_top: float
@@ -181,7 +181,7 @@ def _floors(case: Case, outline: Outline) -> Iterator[Floor]:
 
 
 def _funnel_hoppers(case: Case, outline: Outline) -> Iterator[Floor]:
-    """Sections that are hoppers in funnel flow by the case's word or Jenike's formula."""
+    """Sections that are hoppers in funnel flow, by the case or by Jenike's formula."""
     for name, section in case.outline.sections.items():
         half_angle = math.atan(max(_slopes(outline, section)))
         if half_angle > 0 and _regime(case, section, half_angle)[0] == "funnel_flow":

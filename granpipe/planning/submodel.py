@@ -87,7 +87,12 @@ def spans(case: Case, needs: dict[str, str], d90: float, radius: Callable[[float
 
 
 def sub_case(case: Case, span: Span) -> Case:
-    """The case of a span alone: outline, obstacles and sections cut at its levels, everything else as in its parent."""
+    """The case of a span alone: outline, obstacles and sections cut at its levels, everything else as in its parent.
+
+    Raises
+    ------
+    CaseError : a cut passes through an obstacle
+    """
     wall = _cut(case.outline.wall, span.cut_top, span.cut_bottom)
     obstacles = {}
     for name, polygon in case.outline.obstacles.items():
