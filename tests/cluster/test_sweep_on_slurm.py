@@ -55,8 +55,8 @@ points:
   long: {dem.seed: 2, dem.max_time: 120 s}
   lost: {dem.seed: 3, dem.max_time: 20 s}
   killed: {dem.seed: 4, dem.max_time: 20 s}
-  two-ranks: {dem.seed: 5, dem.ranks: 2}
-  two-more: {dem.seed: 6, dem.ranks: 2}
+  two-ranks: {dem.seed: 5, dem.ranks: 2, dem.max_time: 5 s}
+  two-more: {dem.seed: 6, dem.ranks: 2, dem.max_time: 5 s}
   wrong: {model: hybrid, fluid.known_field: none.npz, "outline.sections": {a: {z: [10, 0], model: dem}}}
 chart: [solids_flow_m3_per_s]
 table: [csv, netcdf]
@@ -70,7 +70,7 @@ time: 2 h
 margin: 30 s
 memory: 500 MB
 partition: main
-setup: [export LC_ALL=C, source {root}/hold.sh]
+setup: [export LC_ALL=C, export OMPI_MCA_mpi_yield_when_idle=1, source {root}/hold.sh]
 """
 
 COUNTING = """\
@@ -211,6 +211,7 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Story]:
 def test_all_points_are_submitted_and_only_once(story: Story) -> None:
     first = story.sweep()
     assert sum(map(int, re.findall(r"(\d+) points in", first))) == POINTS
+    story.cluster.run("scontrol", "hold", "2")  # two ranks take both nodes: at the end
     assert "nothing to submit" in story.sweep()
     assert {word for word, _ in story.status().values()} <= {"waiting", "running", "done"}
     (one_rank, *_) = (job for job in story.jobs() if job["job"] == "1")
@@ -249,6 +250,7 @@ def test_a_job_at_its_time_limit_goes_on_in_the_queue(story: Story) -> None:
     minutes = sum(int(text) * size for text, size in zip(spent.split(":")[::-1][1:], (1, 60), strict=False))
     story.cluster.run("scontrol", "update", f"JobId={JOBS['long']}", f"TimeLimit={minutes + 1}")
     wait_for(lambda: "near its time limit, goes on in the queue" in story.log("long"))
+    story.cluster.run("scontrol", "update", f"JobId={JOBS['long']}", "TimeLimit=120")
     story.interrupted["long"] = story.segments("long")
     assert story.interrupted["long"] > 0
     wait_for(lambda: story.status()["long"][0] in ("waiting", "running"))
@@ -265,6 +267,7 @@ def test_a_drained_node_takes_no_jobs_and_the_sweep_goes_on(story: Story) -> Non
     story.cluster.run("scontrol", "update", f"NodeName={other}", "State=DRAIN", "Reason=upkeep")
     wait_for(lambda: story.cluster.node_states()[other] == "drained")  # what runs on it ends in peace
     story.release("long")
+    wait_for(lambda: story.state("long")["phase"] == "running")
     story.wait_for_segments("long", story.interrupted["long"] + 1)
     assert story.nodes_at_work() == {node}
     story.cluster.run("scontrol", "update", f"NodeName={other}", "State=RESUME")
@@ -278,6 +281,8 @@ def test_a_second_call_submits_what_has_failed_and_nothing_else(story: Story) ->
 
 
 def test_the_sweep_ends_complete(story: Story) -> None:
+    story.cluster.run("scontrol", "release", "2")
+
     def ended() -> bool:
         story.start_requeued_jobs_now()
         return not story.cluster.queue()
@@ -296,7 +301,7 @@ def test_nothing_was_run_twice(story: Story) -> None:
     assert again == logs.count("goes on in the queue") + 2  # the lost and the killed
     assert len([stage for stage in starts if stage.startswith("produce-")]) == 8  # 3 frictions, 5 more seeds
     assert len([stage for stage in starts if stage.startswith("settle-")]) >= 8  # a bed that is too soft is filled anew
-    assert len(list(story.store.glob("walls-*"))) <= 3  # one for each travel of the plate
+    assert len(list(story.store.glob("walls-*"))) <= 4  # one for each travel of the plate
 
 
 @pytest.mark.parametrize("point", ["lost", "killed", "long"])
