@@ -143,6 +143,8 @@ class _Lines:
     def at_end(self) -> bool:
         """Whether nothing but blank lines follows."""
         while not self._buffer[self._at :].strip():
+            if len(self._buffer) - self._at > _LONGEST_LINE:
+                raise self.error("blank lines without end: damaged")
             if not self._fill():
                 return True
         return False

@@ -8,14 +8,19 @@ import numpy as np
 
 from granpipe.errors import DataError
 from granpipe.field import Array
+from granpipe.system.reading import read_bytes, reason
 
 _HEAD = 9  # lines
 _COLUMNS = 6
+_MOST_BYTES = 500_000_000
 
 
 def read_wall_contacts(path: Path) -> tuple[Array, Array]:
     """Points (n, 3) [m] of the contacts in one snapshot and forces (n, 3) [N] on the particles."""
-    lines = path.read_text(encoding="ascii", errors="replace").splitlines()
+    try:
+        lines = read_bytes(path, _MOST_BYTES).decode("ascii", errors="replace").splitlines()
+    except (OSError, ValueError) as error:
+        raise DataError(f"{path}: cannot be read ({reason(error)})") from error
     if len(lines) < _HEAD or not lines[2].startswith("ITEM: NUMBER OF ENTRIES"):
         raise DataError(f"{path}: not a dump of contacts with walls, or cut short")
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import zipfile
 import zlib
@@ -43,6 +44,8 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
         with open_regular(path) as file, zipfile.ZipFile(file) as archive:
             entries = archive.infolist()
             size = sum(entry.file_size for entry in entries)
+            if sum(entry.compress_size for entry in entries) > os.fstat(file.fileno()).st_size:
+                raise ValueError("its directory tells of more bytes than it has")
             if len(entries) > MOST_ARRAYS or size > MOST_BYTES:
                 raise ValueError(f"{len(entries)} arrays of {size / 1e6:.3g} MB together are more than it can hold")
             return {entry.filename.removesuffix(".npy"): _array(archive.read(entry)) for entry in entries}

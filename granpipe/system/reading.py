@@ -41,7 +41,7 @@ def read_bytes(path: Path, most: int) -> bytes:
     OSError : it cannot be opened, is no regular file, or holds more than `most` bytes
     """
     with open_regular(path) as file:
-        data = file.read(most + 1)
+        data = file.read(min(most, os.fstat(file.fileno()).st_size) + 1)
     if len(data) > most:
         raise OSError(errno.EFBIG, f"larger than {most / 1e6:.3g} MB", str(path))
     return data
