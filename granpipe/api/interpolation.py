@@ -3,10 +3,12 @@
 Where there is a stream function the velocity is derived from it, u = −(1/r)∂ψ/∂z and w = (1/r)∂ψ/∂r. ψ is a piecewise
 bicubic (Hermite) polynomial in r² and z that takes ψ and its derivatives at the nodes: the velocity there is the one
 that is exported, it is continuous, free of divergence at every point, and between nodes exactly as much flows as in the
-field. Plug and parabola are exact; otherwise the error falls with the square of the cell.
+field. Plug and parabola are exact; elsewhere the error falls with the square of the cell, but at the edge of a ledge or
+an obstacle, where the velocity jumps, it overshoots within the cells that touch it.
 
 ψ is constant beyond a wall, so in a cell that a wall cuts it has a kink that no polynomial follows. Nodes outside such
-a wall take instead the ψ that the exported velocities lead to from the nodes inside.
+a wall take instead the ψ that the exported velocities lead to from the nodes inside; the flow up to such a wall is then
+met to the accuracy of these velocities.
 """
 
 from __future__ import annotations

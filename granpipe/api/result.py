@@ -13,7 +13,7 @@ from typing import Any, Literal
 from granpipe.api.flow import Flow, SpaceFlow
 from granpipe.case.reader import case_of, file_of, read_case
 from granpipe.case.schema import Case
-from granpipe.errors import DataError
+from granpipe.errors import CaseError, DataError
 from granpipe.field import Field
 from granpipe.geometry.outline import Outline
 from granpipe.pipeline.gates import Gate
@@ -111,7 +111,7 @@ def load_result(folder: str | PathLike[str]) -> Result:
     """
     folder = Path(folder)
     stored = Field.load(folder / "field.npz")
-    case = read_case(folder / "case.yaml").case if (folder / "case.yaml").is_file() else None
+    case = _case_in(folder)
     space = len(stored.grid.shape) == 3
     field = SpaceFlow(stored) if space else Flow(stored, None if case is None else Outline.from_case(case))
     if not (folder / "provenance.json").is_file():
@@ -122,6 +122,16 @@ def load_result(folder: str | PathLike[str]) -> Result:
         return Result(folder, case, field, plan["model"], gates, provenance["figures"])
     except (KeyError, TypeError) as error:
         raise DataError(f"{folder}: damaged ({error!r}); delete it and run again") from None
+
+
+def _case_in(folder: Path) -> Case | None:
+    """The case of a results folder; dumps may have been averaged without one."""
+    if not (folder / "case.yaml").is_file():
+        return None
+    try:
+        return read_case(folder / "case.yaml").case
+    except CaseError as error:
+        raise DataError(f"{folder}: its case is not one that this granpipe reads: {error}; run again") from error
 
 
 def _as_text(value: Any) -> str:
