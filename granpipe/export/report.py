@@ -74,31 +74,41 @@ def write_run_report(folder: Path) -> None:
     """``report.html`` of a results folder, from the files in it."""
     plan, provenance = read_json(folder / "plan.json"), read_json(folder / "provenance.json")
     try:
-        sections = [*_run_sections(plan, provenance), *_pictures(folder)]
+        sections = [_quality(provenance), *_pictures(folder), *_run_sections(plan, provenance)]
         intro = [
             f"Model {plan['model']}, made {provenance['made']} by granpipe {provenance['granpipe']} "
-            f"in {_seconds(provenance['wall_seconds'])}."
+            f"in {_seconds(provenance['wall_seconds'])}.",
+            _verdict(provenance["quality"]),
         ]
     except (KeyError, TypeError) as error:
         raise DataError(f"{folder}: damaged ({error!r}); delete it and run again") from None
     write_page(folder / "report.html", provenance["case"], intro, sections)
 
 
-def _run_sections(plan: Mapping[str, Any], provenance: Mapping[str, Any]) -> list[Section]:
+def _verdict(gates: Sequence[Mapping[str, Any]]) -> str:
+    failed = [gate["name"] for gate in gates if not gate["passed"]]
+    if failed:
+        return f"Marked: the result failed {len(failed)} of {len(gates)} quality gates: {'; '.join(failed)}."
+    return f"All {len(gates)} quality gates passed." if gates else "No quality gate applies to this model."
+
+
+def _quality(provenance: Mapping[str, Any]) -> Section:
     gates = [
         (gate["name"], f"{gate['value']:.3g}", gate["limit"], "passed" if gate["passed"] else "failed")
         for gate in provenance["quality"]
     ]
-    notes = provenance.get("notes", ())
-    sections = [Section("Quality", notes, head=("gate", "value", "must be", ""), rows=gates)] if gates or notes else []
-    sections += _dem_sections(plan, provenance)
+    return Section("Quality", provenance.get("notes", ()), head=("gate", "value", "must be", ""), rows=gates)
+
+
+def _run_sections(plan: Mapping[str, Any], provenance: Mapping[str, Any]) -> list[Section]:
+    sections = _dem_sections(plan, provenance)
     stages = [(stage["stage"], stage["reason"]) for stage in plan["stages"]]
     sections.append(Section("Stages", _notes(plan), head=("stage", "why"), rows=stages))
     for name, submodel in provenance.get("submodels", {}).items():
         sections += _dem_sections(plan["submodels"].get(name, {}), submodel, f" of sub-model {name}")
     times = [
         ("forecast of filling and production", _seconds(provenance["forecast_seconds"])),
-        ("this run, all together", _seconds(provenance["wall_seconds"])),
+        ("this run, total", _seconds(provenance["wall_seconds"])),
     ]
     return [*sections, Section("Time of the run", head=("what", "time"), rows=times)]
 
@@ -139,13 +149,14 @@ def _times(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What the stages took; those that were done before took it in an earlier run."""
     return [
         ("production, each run", ", ".join(map(_seconds, figures["produce_wall_seconds"]))),
-        ("of it averaging", ", ".join(map(_seconds, figures["averaging_seconds"]))),
+        ("of which averaging", ", ".join(map(_seconds, figures["averaging_seconds"]))),
     ]
 
 
 def _pictures(folder: Path) -> list[Section]:
     pictures = sorted((folder / "figures").glob("*.png"))
-    return [Section("Pictures", figures=pictures)] if pictures else []
+    scale = "Velocities on r–z are those of the bulk at the process flow rate; those of particles are the simulation's."
+    return [Section("Pictures", [scale], pictures)] if pictures else []
 
 
 def _seconds(seconds: float) -> str:

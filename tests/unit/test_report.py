@@ -91,3 +91,17 @@ def test_a_damaged_folder_is_told(tmp_path: Path) -> None:
     (folder / "plan.json").write_text("{}")
     with pytest.raises(DataError, match="damaged"):
         write_run_report(folder)
+
+
+def test_the_first_words_tell_whether_the_result_is_marked(tmp_path: Path) -> None:
+    folder = results(tmp_path)
+    provenance = json.loads((folder / "provenance.json").read_text())
+    gate = {"name": "packing in the plug", "value": 0.4, "limit": "0.5 to 0.68"}
+    for passed, words in (
+        (True, "All 1 quality gates passed."),
+        (False, "failed 1 of 1 quality gates: packing in the"),
+    ):
+        provenance["quality"] = [gate | {"passed": passed}]
+        (folder / "provenance.json").write_text(json.dumps(provenance))
+        write_run_report(folder)
+        assert words in (folder / "report.html").read_text()
