@@ -85,7 +85,7 @@ class Section(Group):
     wall_factor: Annotated[float | None, Quantity(at_least=0, at_most=1)] = Field(
         default=None,
         description="Wall speed as a part of the mean vertical speed at that level, for the fluid model. "
-        "Unless given: 1 on straight walls, 2/3 in hoppers.",
+        "Unless given: 1 on straight walls, in hoppers by a law in wall friction and angle that was fit to DEM.",
     )
     model: Annotated[SectionModel | None, OneOf(SectionModel)] = Field(
         default=None,

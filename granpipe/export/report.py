@@ -11,6 +11,11 @@ from typing import Any
 from granpipe.errors import DataError
 from granpipe.system.jsonfile import read_json
 
+BULK_TEXT = (
+    "Soft particles overlap and pack too densely; packings and solids flows are corrected for it by the factor below, "
+    "so that the reference density times the bulk velocity is the mass flux of the material."
+)
+
 
 @dataclass(frozen=True)
 class Section:
@@ -120,6 +125,8 @@ def _dem_sections(plan: Mapping[str, Any], record: Mapping[str, Any], whose: str
     if errors:
         title = f"Statistical error of the field{whose}"
         sections.append(Section(title, head=("section", "relative error"), rows=errors))
+    if "overlap_correction" in figures:
+        sections.append(Section(f"Bulk{whose}", [BULK_TEXT], head=("", ""), rows=_bulk(figures)))
     if "discharge" in figures:
         sections.append(Section(f"Free discharge{whose}", head=("", "kg/s"), rows=_discharge(figures["discharge"])))
     decisions = [(c["name"], c["value"], c["criterion"]) for c in plan.get("dem", {}).get("decisions", ())]
@@ -130,6 +137,15 @@ def _dem_sections(plan: Mapping[str, Any], record: Mapping[str, Any], whose: str
     if "produce_wall_seconds" in figures:
         sections.append(Section(f"Time{whose}", head=("what", "time"), rows=_times(figures)))
     return sections
+
+
+def _bulk(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
+    return [
+        ("reference packing", f"{figures['bulk_packing']:.4f}"),
+        ("reference density", f"{figures['bulk_density_kg_per_m3']:.5g} kg/m³"),
+        ("mean overlap, of a diameter", f"{figures['reference_overlap']:.2%}"),
+        ("correction for it", f"{figures['overlap_correction']:.4f}"),
+    ]
 
 
 def _discharge(figures: Mapping[str, float | None]) -> list[tuple[str, str]]:

@@ -1,8 +1,9 @@
 """What the boundary asks of the fictitious fluid: the moving-wall law, inlet and outlet.
 
 Sparta & Halvorsen (2017) let the wall move, w_wall = −f Φ/Ω(z) and u_wall = w_wall dr_wall/dz (their equations (1)
-and (2), with the signs of a downward flow): f = 1 on upright walls, which makes plug flow, and f = `wall_factor` on
-sloping ones. Ledges and obstacles are at rest, or slip.
+and (2), with the signs of a downward flow): f = 1 on upright walls, which makes plug flow, and on sloping ones
+what is given, or what the law of `granpipe.fluid.wall_factor` says of friction and angle. Ledges and obstacles are at
+rest, or slip.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from granpipe.errors import CaseError, SolveError
 from granpipe.field import Array, Mask
+from granpipe.fluid.wall_factor import wall_factor_law
 from granpipe.rzmesh import Index, Names, RZMesh
 
 UPRIGHT = 1e-6  # |dr/dz| below which a wall counts as upright
@@ -30,8 +32,9 @@ class WallLaw:
     Parameters
     ----------
     walls : "moving" at the speed of the law, or "slip" (no friction)
-    wall_factor : f of sloping walls, the wall's speed over the mean speed at its height
-    section_factors : f of the sloping walls of a section, by its name, where it is another
+    friction : of particles on the wall, which tells f of sloping walls: the wall's speed over the mean at its height
+    wall_factor : f of sloping walls where it is given, whatever the friction
+    section_factors : the same of the sloping walls of a section, by its name
     solids : ledges and obstacles: at "rest", or "slip"
     outlet_profile : "developed": no traction, the flow leaves as if the vessel continued; "uniform": the same
         speed everywhere; "annular": the same speed between the radii `annulus`, no flow elsewhere
@@ -39,7 +42,8 @@ class WallLaw:
     """
 
     walls: Literal["moving", "slip"] = "moving"
-    wall_factor: float = 2 / 3
+    friction: float = 0.73
+    wall_factor: float | None = None
     section_factors: Mapping[str, float] = field(default_factory=dict)
     solids: Literal["rest", "slip"] = "rest"
     outlet_profile: Literal["developed", "uniform", "annular"] = "developed"
@@ -111,9 +115,15 @@ def _wall_velocity(mesh: RZMesh, edges: Index, law: WallLaw, flow: float, along:
     mean = -flow / mesh.free_area(z0 + (z1 - z0) * just_inside)
     slope = (r1 - r0) / (z1 - z0)
     sections = [name.partition(":")[2] for name in mesh.names[edges]]
-    sloping = np.array([law.section_factors.get(name, law.wall_factor) for name in sections])
+    angles = np.arctan(np.abs(slope[:, 0]))
+    sloping = np.array([_factor(law, name, angle) for name, angle in zip(sections, angles, strict=True)])
     w = np.where(np.abs(slope) < UPRIGHT, 1.0, sloping[:, None]) * mean
     return np.stack([w * slope, w], axis=2)
+
+
+def _factor(law: WallLaw, section: str, half_angle: float) -> float:
+    given = law.section_factors.get(section, law.wall_factor)
+    return wall_factor_law().factor(half_angle, law.friction) if given is None else given
 
 
 def _plug(mesh: RZMesh, edges: Index, out: float, radii: tuple[float, float], along: Array) -> tuple[Array, Array]:

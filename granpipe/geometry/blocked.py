@@ -1,6 +1,6 @@
 """What keeps particles out: solids grown by a margin, and the shadow under each, all as trapezoids.
 
-Particles that run in below an edge lie at their angle of repose, so a shadow narrows downwards at that angle.
+A shadow narrows downwards at the angle that filling is asked to keep to under an edge.
 """
 
 from __future__ import annotations

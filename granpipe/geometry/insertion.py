@@ -58,7 +58,7 @@ class Frustum:
 
 
 def insertion_frusta(
-    outline: Outline, top: float, bottom: float, margin: float, repose: float, min_size: float = 0.0
+    outline: Outline, top: float, bottom: float, margin: float, angle: float, min_size: float = 0.0
 ) -> tuple[Frustum, ...]:
     """Slabs in which particles can be put, from the top down.
 
@@ -69,10 +69,10 @@ def insertion_frusta(
     ----------
     top, bottom : height range [m]
     margin : distance kept from walls and obstacles [m], perpendicular to them
-    repose : angle from the horizontal at which particles lie under an edge [rad]
+    angle : angle from the horizontal under an edge above which nothing is inserted [rad]
     min_size : slabs lower or narrower than this [m] are joined with their neighbours if that loses little, or left out
     """
-    blocked = blocked_space(outline, top, bottom, Room(margin, 1 / tan(repose), outline.r_max))
+    blocked = blocked_space(outline, top, bottom, Room(margin, 1 / tan(angle), outline.r_max))
     levels = _levels(blocked, top, bottom, outline.tolerance)
     rows = [_free(blocked, low, high, outline.tolerance) for high, low in pairwise(levels)]
     slabs = [slab for chain in _chains(_reached(rows)) for slab in _joined(chain, min_size, outline.tolerance)]

@@ -25,7 +25,6 @@ Levels = Mapping[str, tuple[float, float]]
 PLUG_DIAMETERS = 0.25
 """Height of the plug in which packing and flow are measured, in outlet diameters above the outlet."""
 
-
 DILATED_DIAMETERS = 1.0
 """Height above an open outlet, in its diameters, up to which the bed is dilated and its packing does not count."""
 
@@ -143,9 +142,16 @@ def _known_packing(case: Case, outline: Outline, sums: Sums, inside_fraction: Ar
     if case.material.packing is not None:
         return case.material.packing
     if case.dem.outlet == "open":
-        bottom = outline.z_bottom + DILATED_DIAMETERS * 2 * outline.outlet_radius
-        return bed_packing(sums, inside_fraction, bottom, diameter)
+        return bed_packing(sums, inside_fraction, reference_range(case, outline, sums.grid)[0], diameter)
     return None
+
+
+def reference_range(case: Case, outline: Outline, grid: Grid) -> tuple[float, float]:
+    """Levels between which the reference packing is measured [m]: the plug, or the bed above an open outlet."""
+    if case.dem.outlet != "open":
+        return plug_range(outline, grid)
+    bottom = outline.z_bottom + DILATED_DIAMETERS * 2 * outline.outlet_radius
+    return (bottom if bottom < outline.z_top else outline.z_bottom), outline.z_top
 
 
 def plug_range(outline: Outline, grid: Grid) -> tuple[float, float]:

@@ -35,6 +35,7 @@ from granpipe.pipeline.gates import (
 )
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.production import Production
+from granpipe.pipeline.softness import as_rigid, rigid_share
 from granpipe.planning.plan import Plan
 from granpipe.system.jsonfile import read_json
 
@@ -43,13 +44,15 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
     """Average the segments of all runs after their transients and make the field."""
     settings = plan.dem
     parts = [sums for production in productions for sums in production.sums()]
-    steady = after_transient(parts, plan.case)
+    simulated = after_transient(parts, plan.case)
+    reports = [production.reports() for production in productions]
+    overlap = float(np.mean([report["reference_overlap"] for run in reports for report in run]))
+    steady = as_rigid(simulated, overlap)
     averaged = averaged_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
     field = replace(averaged.field, extra=ExtraSums.of(plan).arrays(steady, averaged.field.inside_fraction))
     settled = [read_json(production.settled / "settle.json") for production in productions]
-    reports = [production.reports() for production in productions]
     figures = averaged.figures | run_statistics(steady, plan.case.outline.levels)
-    discharge = _discharge(plan, steady, productions)
+    discharge = _discharge(plan, simulated, productions)
     if discharge is not None:
         figures["discharge"] = discharge.figures
     changed = smoothing_change(averaged.field, steady, settings.classes.sauter_diameter)
@@ -74,6 +77,9 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
             "averaged_plate_travel_m": merge(steady).duration * settings.plate_speed,
             "solids_flow_m3_per_s": averaged.plug.solids_flow,
             "bulk_packing": averaged.plug.packing,
+            "bulk_density_kg_per_m3": plan.case.material.density * averaged.plug.packing,
+            "reference_overlap": overlap,
+            "overlap_correction": rigid_share(overlap),
             "particles": [run[-1]["particles"] for run in reports],
             "youngs_modulus_pa": settings.youngs_modulus,
             "time_step_s": settings.time_step,

@@ -34,10 +34,11 @@ from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.pool import Task, run_together
 from granpipe.system.store import Store, evidence_kept, key_of
 
-REPOSE = np.radians(30)
-"""Angle of repose that limits where filling can reach; only the first bed depends on it."""
+FILL_ANGLE = np.radians(60)
+"""Angle from the horizontal under an edge above which nothing is inserted: steeper than any angle of repose, so that
+material runs into the corners by itself and the free surface is its own, not left from the filling."""
 
-_VERSION = 4
+_VERSION = 5
 
 
 def simulate(plan: Plan, context: Context, criterion: Criterion) -> tuple[Production, ...]:
@@ -210,7 +211,7 @@ def compose_deck(plan: Plan, walls: Path) -> Deck:
     margin = settings.classes.largest + settings.skin / 2 + report["inward"]
     above_plate = settings.plate_z + settings.classes.largest + settings.skin / 2
     frusta = insertion_frusta(
-        outline, settings.feed_top, above_plate, margin, float(REPOSE), 2 * settings.classes.smallest
+        outline, settings.feed_top, above_plate, margin, float(FILL_ANGLE), 2 * settings.classes.smallest
     )
     meshes = [f"obstacle_{name}" for name in outline.obstacles]
     return make_deck(plan.case, settings, frusta, meshes, report["wall_radius"])

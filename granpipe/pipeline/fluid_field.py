@@ -16,6 +16,7 @@ from granpipe.pipeline.gates import CLEAN_UP, CONSERVED, PEAK, RESIDUAL, Gate, b
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
+from granpipe.planning.wall_factors import wall_friction
 from granpipe.rzmesh import RZMesh
 
 
@@ -37,6 +38,7 @@ def wall_law(case: Case) -> WallLaw:
     factors = {name: s.wall_factor for name, s in case.outline.sections.items() if s.wall_factor is not None}
     return WallLaw(
         walls=fluid.walls,
+        friction=wall_friction(case).value,
         section_factors=factors,
         solids=fluid.solids,
         outlet_profile=fluid.outlet_profile,
@@ -54,7 +56,13 @@ def fluid_field(plan: Plan) -> ModelResult:
     solution = solve_fluid(mesh, wall_law(case), flow, case.fluid.order)
     field = to_field(solution, plan.grid, outline.inside_fraction(plan.grid), packing)
     gates = (*fluid_gates(plan, field, solution), *breach_gates(plan.breaches))
-    return ModelResult(field=field, gates=gates, figures=solve_figures(solution), solution=solution)
+    notes = wall_factor_notes(plan)
+    return ModelResult(field=field, gates=gates, figures=solve_figures(solution), solution=solution, notes=notes)
+
+
+def wall_factor_notes(plan: Plan) -> tuple[str, ...]:
+    """What the hoppers of a fluid go by and how wrong they may be, for the user of the results."""
+    return tuple(f"{one.name} = {one.value}: {one.criterion}" for one in plan.wall_factors)
 
 
 def solve_figures(solution: FluidSolution) -> dict[str, Any]:

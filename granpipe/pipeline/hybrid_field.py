@@ -19,7 +19,7 @@ from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import StatisticalErrorCriterion
 from granpipe.pipeline.dem_field import dem_field
 from granpipe.pipeline.dem_stages import simulate
-from granpipe.pipeline.fluid_field import fluid_gates, section_mesh, solve_figures, wall_law
+from granpipe.pipeline.fluid_field import fluid_gates, section_mesh, solve_figures, wall_factor_notes, wall_law
 from granpipe.pipeline.gates import FOLLOWED, SEAM, Gate, breach_gates
 from granpipe.pipeline.known_field import known_results
 from granpipe.pipeline.model_result import ModelResult
@@ -69,7 +69,7 @@ def hybrid_field(plan: Plan, context: Context) -> ModelResult:
             *fluid_gates(plan, field, solution, [(span.cut_bottom, span.cut_top) for span, _ in followed]),
         ),
         figures=solve_figures(solution) | {"difference_from_what_is_followed": differences},
-        notes=tuple(f"{span.name}: {note}" for span, made in followed for note in made.notes),
+        notes=wall_factor_notes(plan) + tuple(f"{span.name}: {note}" for span, made in followed for note in made.notes),
         productions=tuple(production for _, made in followed for production in made.productions),
         solution=solution,
         submodels={span.name: made for span, made in followed},

@@ -19,6 +19,7 @@ from granpipe.dem.deck import DUMP_COLUMNS, Deck, render
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.dump_binary import is_complete
 from granpipe.dem.health import FlowHealth
+from granpipe.dem.overlap import Overlap
 from granpipe.dem.run import Liggghts, Limits, Status
 from granpipe.dem.settings import RATE
 from granpipe.dem.snapshot import Snapshot
@@ -27,6 +28,7 @@ from granpipe.homogenize.average import Collector, Sums
 from granpipe.pipeline.convergence import RunningAverage
 from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.health_limits import flow_limits
+from granpipe.pipeline.softness import reference_overlap
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress, duration_text
 from granpipe.system.files import check_space, remove_leftovers
@@ -215,6 +217,7 @@ class _Watch:
         self.next_step = done * self.settings.segment_steps
         self.start_step, self.started = self.next_step, time.monotonic()
         self.averaging = self.checking = 0.0
+        self.overlap = Overlap(0.0, 0.0, 0)
         self.count = 0
         self.disk = 0
         self.recent: deque[Path] = deque()
@@ -268,6 +271,8 @@ class _Watch:
         if self.next_step > self.start_step:  # the first belongs to the segment before
             self.collector.observe(beside)
         self.count = len(snapshot)
+        if ends:
+            self.overlap = reference_overlap(snapshot, self.run.plan.case, self.run.plan.outline, self.run.plan.grid)
         sums = self.collector.take() if ends else None
         averaged = time.process_time()
         self._check_health(snapshot, closely=ends)
@@ -302,6 +307,7 @@ class _Watch:
             "discharged": status.discharged,
             "discharged_mass_kg": status.discharged_mass,
             "counted_to_step": status.step,
+            "reference_overlap": self.overlap.mean,
             "averaging_seconds": self.averaging,
             "checking_seconds": self.checking,
             "wall_seconds": time.monotonic() - self.started,

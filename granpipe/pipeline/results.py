@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 from granpipe import __version__
 from granpipe.case.reader import CaseFile
 from granpipe.case.schema import Case
+from granpipe.dem.settings import Decision
 from granpipe.errors import DataError, RunError
 from granpipe.export.report import write_run_report
 from granpipe.field import Field
@@ -146,6 +147,10 @@ def _record(plan: Plan | None, made: ModelResult) -> dict[str, Any]:
     }
 
 
+def _plain(decisions: Iterable[Decision]) -> list[dict[str, str]]:
+    return [{"name": c.name, "value": c.value, "criterion": c.criterion} for c in decisions]
+
+
 def plan_summary(plan: Plan) -> dict[str, Any]:
     """The plan as plain data."""
     summary: dict[str, Any] = {
@@ -155,11 +160,12 @@ def plan_summary(plan: Plan) -> dict[str, Any]:
         "grid": {"cells": plan.grid.shape, "cell_m": plan.grid.cell},
         "warnings": plan.warnings,
         "outside_the_range": plan.breaches,
+        "wall_factors": _plain(plan.wall_factors),
     }
     if plan.settings is not None:
         dem = plan.settings
         summary["dem"] = {
-            "decisions": [{"name": c.name, "value": c.value, "criterion": c.criterion} for c in plan.decisions],
+            "decisions": _plain(plan.decisions),
             "radii_m": dem.classes.radius.tolist(),
             "number_shares": dem.classes.number_share.tolist(),
             "time_step_s": dem.time_step,

@@ -18,6 +18,7 @@ from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
 from granpipe.planning.flow import check_flow_rate
 from granpipe.planning.sections import section_needs
 from granpipe.planning.submodel import Span, spans, sub_case
+from granpipe.planning.wall_factors import wall_factor_decisions
 from granpipe.progress import duration_text
 from granpipe.system.rates import RANK_GAIN
 
@@ -71,6 +72,7 @@ class Plan:
     followed : spans in which a hybrid follows the field of an earlier run instead
     decisions : settings with their criteria; their warnings and breaches are in `warnings` and `breaches`
     unfit : sections that a fluid does not describe, and why, where the case asks for a fluid all the same
+    wall_factors : those of the hoppers that a fluid describes, and the error to be expected there
     particle_steps : cost of DEM, filling included
     seconds, disk_bytes : forecasts for this machine's cores, LIGGGHTS running alone
     """
@@ -90,6 +92,7 @@ class Plan:
     seconds: float
     disk_bytes: float
     unfit: tuple[str, ...] = ()
+    wall_factors: tuple[Decision, ...] = ()
 
     @property
     def dem(self) -> Settings:
@@ -109,7 +112,7 @@ class Plan:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the user should keep in mind."""
-        return (*self.notes, *(f"{c.name}: {c.warning}" for c in self.decisions if c.warning))
+        return (*self.notes, *(f"{c.name}: {c.warning}" for c in (*self.wall_factors, *self.decisions) if c.warning))
 
     @property
     def breaches(self) -> tuple[str, ...]:
@@ -187,7 +190,8 @@ class _Scene:
         notes += doubts
         notes += [] if self.case.fluid.outlet_profile == "developed" else [OUTLET_NOTE]
         plan = self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
-        return replace(plan, unfit=tuple(unfit))
+        factors = wall_factor_decisions(self.case, self.outline, self.outline.sections)
+        return replace(plan, unfit=tuple(unfit), wall_factors=tuple(factors))
 
     def _check_density(self) -> None:
         """CaseError unless the case tells what the fluid weighs: nothing else does without particles."""
@@ -338,6 +342,7 @@ class _Scene:
             submodels=submodels,
             followed=cut if earlier else (),
             decisions=decisions_of(submodels),
+            wall_factors=tuple(wall_factor_decisions(case, self.outline, rest)),
             particle_steps=sum(submodel.particle_steps for _, submodel in submodels),
             seconds=FLUID_SECONDS + sum(submodel.seconds for _, submodel in submodels),
             disk_bytes=sum(submodel.disk_bytes for _, submodel in submodels),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from granpipe.case.schema import Case
+from granpipe.dem.settings import Decision
 from granpipe.errors import CaseError, GranpipeError
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Model, Plan
@@ -18,6 +21,8 @@ def plan_text(plan: Plan, others: dict[Model, Plan | CaseError], rates: Rates | 
     lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.left_out]
     rows, columns = plan.grid.shape
     lines += ["", f"grid  {rows} × {columns} cells of {plan.grid.cell:.4g} m", ""]
+    if plan.wall_factors:
+        lines += ["fluid", *_decision_lines(plan.wall_factors), ""]
     for title, part in _dem_runs(plan):
         lines += _dem_lines(title, part)
     lines += ["the models side by side", *(_variant_line(model, other, rates) for model, other in others.items())]
@@ -38,15 +43,19 @@ def _dem_runs(plan: Plan) -> list[tuple[str, Plan]]:
 
 def _dem_lines(title: str, plan: Plan) -> list[str]:
     dem = plan.dem
-    width = max(len(decision.name) for decision in plan.decisions)
     return [
         title,
-        *(f"  {decision.name:<{width}}  {decision.value:<12} {decision.criterion}" for decision in plan.decisions),
+        *_decision_lines(plan.decisions),
         f"  {dem.particles} particles in {len(dem.classes.radius)} size classes; {dem.steps} steps of "
         f"{dem.time_step:.3g} s: {dem.duration:.4g} s in {dem.segments} segments; {dem.ranks} ranks",
         *_length_lines(plan.case),
         "",
     ]
+
+
+def _decision_lines(decisions: Sequence[Decision]) -> list[str]:
+    width = max(len(decision.name) for decision in decisions)
+    return [f"  {decision.name:<{width}}  {decision.value:<12} {decision.criterion}" for decision in decisions]
 
 
 def _length_lines(case: Case) -> list[str]:

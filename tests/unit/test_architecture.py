@@ -28,7 +28,7 @@ ROOMS: dict[str, set[str]] = {
     "fluid": set(),
     "export": {"system"},
     "analysis": set(),
-    "planning": {"case", "system", "geometry", "dem"},
+    "planning": {"case", "system", "geometry", "dem", "fluid"},
     "pipeline": {"case", "system", "geometry", "dem", "homogenize", "fluid", "export", "analysis", "planning"},
     "api": {"case", "system", "geometry", "export", "pipeline", "console"},
     "sweep": {"case", "system", "pipeline"},

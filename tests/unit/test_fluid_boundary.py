@@ -48,7 +48,7 @@ def test_upright_wall_moves_down_at_the_mean_speed():
 
 
 def test_hopper_wall_moves_down_and_inwards_along_itself_at_two_thirds_of_the_mean_speed():
-    data = boundary_data(silo(), WallLaw(), 2.0, ENDS)
+    data = boundary_data(silo(), WallLaw(wall_factor=2 / 3), 2.0, ENDS)
     low, high = data.velocity[on("wall:cone")]
     for (u, w), radius in ((low, 0.5), (high, 1.0)):
         assert w == pytest.approx(-2 / 3 * 2 / (np.pi * radius**2), rel=1e-7)

@@ -56,7 +56,7 @@ def failed(plan: Plan) -> list[str]:
 def cone(degrees: float, outlet: float = 0.5) -> tuple[Points, dict[str, object]]:
     height = (1 - outlet) / np.tan(np.deg2rad(degrees))
     wall = [[1, 2 + height], [1, 1 + height], [outlet, 1], [outlet, 0.5]]
-    hopper = {"z": [1 + height, 1], "regime": "mass_flow"}
+    hopper = {"z": [1 + height, 1], "regime": "mass_flow", "wall_factor": 2 / 3}
     return wall, {"shaft": [2 + height, 1 + height], "hopper": hopper, "pipe": [1, 0.5]}
 
 
@@ -67,7 +67,7 @@ def test_a_mass_flow_hopper_of_any_size_passes(tmp_path: Path, degrees: float, s
     scaled = (size * np.array(wall)).tolist()
     for name, section in sections.items():
         levels = section["z"] if isinstance(section, dict) else section
-        sections[name] = {"z": [size * z for z in levels], "regime": "mass_flow"}
+        sections[name] = {"z": [size * z for z in levels], "regime": "mass_flow", "wall_factor": 2 / 3}
     assert failed(plan_of(tmp_path, scaled, sections=sections)) == []
 
 

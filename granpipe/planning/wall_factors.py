@@ -1,0 +1,61 @@
+"""Which wall factor the hoppers of a fluid have, what it follows from, and the error to be expected."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from granpipe.case.schema import Case
+from granpipe.dem.settings import Decision
+from granpipe.fluid.wall_factor import wall_factor_law
+from granpipe.geometry.outline import Outline
+
+
+class WallFriction(NamedTuple):
+    """Friction of particles on the wall, where it comes from, and whether the case says it."""
+
+    value: float
+    source: str
+    given: bool
+
+
+def wall_friction(case: Case) -> WallFriction:
+    """The friction that the wall factor follows from: the contact law's, or the tangent of the bulk's angle."""
+    contact = case.contact
+    if "friction" in contact.wall.model_fields_set:
+        return WallFriction(contact.wall.friction, "contact.wall.friction", True)
+    if "friction" in contact.model_fields_set:
+        return WallFriction(contact.wall.friction, "contact.friction", True)
+    if (angle := case.material.wall_friction_angle) is not None:
+        return WallFriction(math.tan(angle), "tan of material.wall_friction_angle", True)
+    return WallFriction(contact.wall.friction, "assumed", False)
+
+
+def wall_factor_decisions(case: Case, outline: Outline, sections: Iterable[str]) -> Iterator[Decision]:
+    """One decision for each of the sections that has a converging wall."""
+    if case.fluid.walls == "slip":
+        return
+    law, friction = wall_factor_law(), wall_friction(case)
+    for name in sections:
+        section = case.outline.sections[name]
+        corners = (float(z) for z in outline.wall[:, 1] if section.z_bottom < z < section.z_top)
+        angle = max(math.atan(float(outline.wall_slope(z, "below"))) for z in (section.z_top, *corners))
+        if angle <= 0:
+            continue
+        fitted = law.factor(angle, friction.value)
+        factor = fitted if section.wall_factor is None else section.wall_factor
+        error = law.expected_error(angle, friction.value, factor)
+        wall = f"wall friction {friction.value:.3g} ({friction.source}), {math.degrees(angle):.1f}° from the vertical"
+        source = "law fit to DEM" if section.wall_factor is None else f"the case says so; {fitted:.2g} by the law"
+        notes = []
+        if not friction.given:
+            notes.append(f"contact.wall.friction is not given; {friction.value:.3g} is assumed")
+        if not law.covers(angle):
+            notes.append(f"no cone as flat as {math.degrees(angle):.0f}° was measured")
+        yield Decision(
+            f"wall factor of section {name}",
+            f"{factor:.2g}",
+            f"{source}; {wall}; expect an error of about {error:.0%} of the velocity there",
+            warning="; ".join(notes),
+        )
