@@ -17,21 +17,21 @@ KEPT = ("case", "made", "granpipe", "machine", "options")
 HOW_TO_READ = """\
 # Error against run time
 
-`granpipe study CASE` runs cheaper and dearer variants of a case, one setting at a time, and tells what each costs in
-accuracy and in time. `--hours` limits the wall time by the plans' forecasts (the dearest points are dropped and
-named), `--axis` chooses settings, with values (`--axis plate_speed=0.05,0.1`) or the usual ones, `--on slurm` runs the
-points on a cluster, `--against CASE` forecasts the time of another case at the measured rate. What is done is not
-repeated; but a point with finer particles makes the common grid finer, and then production starts anew. Everything goes
-to `results/<case>-study`: `report.html`, charts, `options.csv`, `points.csv`, `study.json`. A study with
-other axes replaces them, but keeps what was run. `granpipe sweep status results/<case>-study` shows its points,
+`granpipe study CASE` runs cheaper and more expensive variants of a case, one setting at a time, and measures the
+accuracy and the time of each. `--hours` limits the wall time by the plans' forecasts (the most expensive points are
+dropped and listed), `--axis` chooses settings, with values (`--axis plate_speed=0.05,0.1`) or the usual ones, `--on
+slurm` runs the points on a cluster, `--against CASE` forecasts the time of another case at the measured rate. What is
+done is not repeated; but a point with finer particles makes the common grid finer, and then production starts anew.
+Everything goes to `results/<case>-study`: `report.html`, charts, `options.csv`, `points.csv`, `study.json`. A study
+with other axes replaces them, but keeps what was run. `granpipe sweep status results/<case>-study` shows its points,
 `granpipe sweep cancel` ends them. Points outside granpipe's own rules are marked, as their runs would be; the study's
-own status is 0 all the same.
-A scene without particles has only its finite elements to compare: their error is not that of the fluid as a model.
+own status is 0 all the same. A scene without particles has only its finite elements to compare: their error is not that
+of the fluid as a model.
 
-`granpipe run CASE --total-error 5%` takes the cheapest setting of the case's study whose error is at most that; it
-says what it expects and, afterwards, what it got. Without a study of the case, one that granpipe brings along counts if
-it is of the same vessel and material. For any other scene its setting is carried over as a guess: the same narrowest
-opening over d90, plate speed over the automatic one, and travel in outlet diameters.
+`granpipe run CASE --total-error 5%` uses the cheapest settings that the study rates within 5 %; it
+states the expected error and, after the run, the measured one. Without a study of the case, a study that comes with
+granpipe is used if it is of the same vessel and material. For any other case its settings are taken over as a guess:
+the same narrowest opening over d90, plate speed over the automatic one, and travel in outlet diameters.
 
 ## How to read it
 
@@ -43,14 +43,14 @@ opening over d90, plate speed over the automatic one, and travel in outlet diame
 - **Statistical** is the standard error of the option's own average, **systematic** the difference of the point's
   whole average from the reference (finest particles, then slowest plate, then longest run), the noise of both taken
   off. Their squares add to the error. The 95 % bound includes how well either is known; by it an error is *proven*.
-- **Unresolved** is what is smaller than its own uncertainty: the bound alone is stated.
+- **Unresolved** differences are smaller than their own uncertainty: only the bound is stated.
 - The **budget** goes on to the limit of each axis: the material's own size, no speed, no softness, no step. Along an
   axis the field is F₀ + c xᵖ, c fitted face by face, p of first order with two points, of first or second with more.
   What all settings together let expect stands beside what was measured.
 - Points have the seed of the case: beds that are filled alike lie less far apart than others would. The axis `seed` is
   another filling, the axis `ranks` a third one on two ranks; what they differ from the case beyond the noise, no error
   bar of a single run sees.
-- The reference is not the truth. Its own row of the budget tells what is known to be missing.
+- The reference is not the truth. Its own row of the budget shows its known errors.
 """
 
 SMOKE = """\
