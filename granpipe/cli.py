@@ -15,6 +15,7 @@ import click
 from granpipe import __version__
 from granpipe.console import Console
 from granpipe.errors import GranpipeError
+from granpipe.system.surroundings import prepare
 
 if TYPE_CHECKING:
     from granpipe.case.reader import CaseFile
@@ -133,6 +134,7 @@ def main() -> None:
     Exit status: 0 done; 2 the case or the command line is wrong; 3 a program or a file failed; 4 done, but a quality
     gate failed; 130 interrupted.
     """
+    prepare()
     signal.signal(signal.SIGTERM, _interrupt)
 
 

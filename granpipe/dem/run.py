@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granpipe.errors import RunError
+from granpipe.system.interrupts import suspended_too
 from granpipe.system.programs import find_program
 
 DONE = "granpipe: done"
@@ -176,6 +177,8 @@ class Liggghts:
         self._read = 0
         self._tail = ""
         self._spent: dict[int, float] = {}
+        self.paused = False
+        self._beside = contextlib.ExitStack()
 
     def __enter__(self) -> Liggghts:
         environment = os.environ | {
@@ -193,12 +196,31 @@ class Liggghts:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=_InChild(self.limits.file_bytes, os.getpid()),
+                preexec_fn=_InChild(self.limits.file_bytes, os.getpid(), self.ranks),
             )
+        self._beside.enter_context(suspended_too(lambda: self._signal(signal.SIGSTOP), self._go_on))
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._beside.close()
         self.stop()
+
+    def pause(self, wanted: bool) -> None:
+        """Let LIGGGHTS stand still, or go on: it must not run far ahead of who follows it."""
+        if wanted != self.paused:
+            self.paused = wanted
+            self._signal(signal.SIGSTOP if wanted else signal.SIGCONT)
+
+    def _go_on(self) -> None:
+        if not self.paused:
+            self._signal(signal.SIGCONT)
+
+    def _signal(self, number: signal.Signals) -> None:
+        """Send a signal to LIGGGHTS; mpirun stays awake, to end its ranks when granpipe is killed."""
+        for process in self.members():
+            if self.ranks == 1 or process != self._process.pid:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(process, number)
 
     def wait(self, check_row: Callable[[Status], None] = lambda _: None) -> Iterator[Status]:
         """Yield the status a few times a second until the process ends; RunError unless it ends well.
@@ -235,6 +257,7 @@ class Liggghts:
             for process in self.members():
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(process, stop_signal)
+                    os.kill(process, signal.SIGCONT)
             end = time.monotonic() + patience
             while time.monotonic() < end:
                 self._process.poll()
@@ -303,7 +326,7 @@ class _Watch:
         """RunError if a limit is broken."""
         now = time.monotonic()
         # what granpipe itself does in between, or its sleep, is no silence of LIGGGHTS
-        self.quiet += min(now - self.looked, 5 * _POLL)
+        self.quiet += 0.0 if self.run.paused else min(now - self.looked, 5 * _POLL)
         self.looked = now
         self._progress()
         printed = (self.run.folder / "output.txt").stat().st_size
@@ -347,12 +370,13 @@ def _resident(process: int) -> int:
 class _InChild:
     """Runs in the child before LIGGGHTS does: dies with its parent, caps its files, writes no core."""
 
-    def __init__(self, file_cap: int, parent: int) -> None:
+    def __init__(self, file_cap: int, parent: int, ranks: int) -> None:
         self.file_cap, self.parent = file_cap, parent
+        self.end = signal.SIGKILL if ranks == 1 else signal.SIGTERM  # mpirun has ranks to end; a stopped process none
         self.libc = ctypes.CDLL(None)  # loaded here: importing after a fork is not safe
 
     def __call__(self) -> None:
-        self.libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        self.libc.prctl(_PR_SET_PDEATHSIG, self.end)
         if os.getppid() != self.parent:
             os._exit(1)
         resource.setrlimit(resource.RLIMIT_FSIZE, (self.file_cap, self.file_cap))

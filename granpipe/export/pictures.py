@@ -15,6 +15,7 @@ import numpy as np
 from granpipe.errors import DataError
 from granpipe.export.nodes import Nodes, nodal_values, triangles
 from granpipe.field import Array, Field, level_flow
+from granpipe.system.surroundings import own_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,10 +41,8 @@ def rz_figures(field: Field, wall: Polygon, obstacles: Mapping[str, Polygon], fo
     wall : (r, z) of the outer wall from the top down [m]
     obstacles : closed polygons (r, z) [m] by name
     """
-    from matplotlib import rc_context
-
     figures = {"rz_field.png": overview, "rz_flow.png": _flow_figure}
-    with rc_context(STYLE):
+    with own_style(STYLE):
         for name, draw in figures.items():
             draw(field, wall, obstacles).savefig(folder / name, dpi=DPI)
     return [folder / name for name in figures]
@@ -61,8 +60,6 @@ def vessel_figure(stl_paths: Sequence[Path], position: Array, radius: Array, vel
     radius : (n,) [m]
     path : the PNG file to write
     """
-    from matplotlib import rc_context
-
     behind = position[:, 1] > 0
     unit, factor = readable_unit(_robust(np.linalg.norm(velocity, axis=1)))
     w, size = velocity[behind, 2] * factor, 1e3 * radius[behind]
@@ -72,7 +69,7 @@ def vessel_figure(stl_paths: Sequence[Path], position: Array, radius: Array, vel
     if np.ptp(size) > 0:
         colours["particle radius [mm]"] = (size, "cividis", (float(size.min()), float(size.max())))
     images, extent = _rendered(stl_paths, position[behind], radius[behind], list(colours.values()))
-    with rc_context(STYLE):
+    with own_style(STYLE):
         _vessel_panels(images, extent, colours).savefig(path, dpi=DPI)
 
 
@@ -89,10 +86,8 @@ def overview(field: Field, wall: Polygon, obstacles: Mapping[str, Polygon]) -> F
     wall : (r, z) of the outer wall from the top down [m]
     obstacles : closed polygons (r, z) [m] by name
     """
-    from matplotlib import rc_context
-
     names = [*(["packing"] if field.packing_fraction is not None else []), "u", "w", "streamlines"]
-    with rc_context(STYLE):
+    with own_style(STYLE):
         tall, wide = _panel_size(np.asarray(wall))
         figure, axes = _sheet([wide] * len(names), tall)
         for axis, name in zip(axes, names, strict=True):

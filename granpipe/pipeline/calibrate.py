@@ -15,7 +15,7 @@ from granpipe.planning.plan import make_plan
 from granpipe.progress import Progress
 from granpipe.system.cores import usable_cores
 from granpipe.system.jsonfile import read_json
-from granpipe.system.rates import Rates, keep_rates
+from granpipe.system.rates import Rates, keep_rates, require_place
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 
@@ -38,6 +38,7 @@ def calibration_case(ranks: int) -> Case:
 
 def calibrate(progress: Progress) -> Rates:
     """Run the column on one core, and on two where there are; keep the rates."""
+    require_place()
     return keep_rates({ranks: _rate(ranks, progress) for ranks in (1, 2) if ranks <= usable_cores()})
 
 

@@ -41,6 +41,7 @@ _LASTING = ("sums.npz", "segment.json")
 _TO_RESUME = ("restart", "snapshot.bin")
 _KEPT_RESTARTS = 2
 _AT_ONCE = 8  # snapshots
+_MOST_AHEAD = 64  # snapshots by which LIGGGHTS may be ahead of the averaging
 _KEPT_SNAPSHOTS = 2  # as evidence, should the run fail
 
 
@@ -227,6 +228,8 @@ class _Watch:
         for _ in range(_AT_ONCE):
             if self.average.reached or not self._take_snapshot(status):
                 break
+        ahead = (status.step - self.next_step) / self.settings.dump_every
+        self.process.pause(ahead > (_AT_ONCE if self.process.paused else _MOST_AHEAD))
         check_space(self.work)
         self._report(status)
 

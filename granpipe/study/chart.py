@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.study.budget import TOLERANCES, Option, Part, pareto, percent
+from granpipe.system.surroundings import own_style
 
 
+@own_style({})
 def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
     """Total error of the whole against wall time × cores, on logarithmic axes.
 
@@ -55,6 +57,7 @@ def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
     figure.savefig(path, dpi=130)
 
 
+@own_style({})
 def draw_levers(levers: Sequence[tuple[str, float, Part]], path: Path) -> None:
     """What each change of the case costs or saves, and what it changes.
 
@@ -108,6 +111,7 @@ def _lines(options: Sequence[Option]) -> dict[tuple[str, str], list[Option]]:
     return lines
 
 
+@own_style({})
 def draw_curves(curves: dict[str, list[tuple[float, float]]], across: str, up: str, path: Path) -> None:
     """Lines of (x, y), both logarithmic: another chart of error against time."""
     from matplotlib.figure import Figure

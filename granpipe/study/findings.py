@@ -31,6 +31,7 @@ from granpipe.study.scene import Scene
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.points import point_case
 from granpipe.system.jsonfile import read_json
+from granpipe.system.manifest import verify
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 
@@ -160,6 +161,7 @@ def _point(
 ) -> Point:
     file = point_case(folder, name, ranks=1)
     plan, results = plan_case(file, cores=1), folder.points / name
+    verify(results, "field.npz", "provenance.json")
     field = Field.load(results / "field.npz")
     runs = [_ran(part, store, tools) for part in plan.runs]
     ran = runs[0] if plan.settings is not None else None

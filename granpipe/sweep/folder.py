@@ -27,6 +27,7 @@ from granpipe.errors import CaseError, DataError, RunError
 from granpipe.sweep.content import Content
 from granpipe.sweep.state import State
 from granpipe.sweep.variants import Variant
+from granpipe.system.manifest import is_whole
 from granpipe.system.store import key_of
 from granpipe.system.versions import library_versions
 
@@ -103,6 +104,10 @@ class Folder:
         """Whether the results of a point are there."""
         state = self.state(name)
         return state is not None and state.phase == "done" and (self.points / name / "provenance.json").is_file()
+
+    def is_whole(self, name: str) -> bool:
+        """Whether a point is done, and every file of its results is as it was written."""
+        return self.is_done(name) and is_whole(self.points / name)
 
     @contextlib.contextmanager
     def started(self) -> Iterator[None]:

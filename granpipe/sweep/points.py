@@ -49,7 +49,7 @@ def plan_points(sweep: Sweep, results: Path) -> tuple[Folder, list[Point]]:
     folder = Folder(results / sweep.name, sweep.content)
     if (folder.root / "provenance.json").exists():
         raise CaseError(f"{folder.root} holds the results of a case; name the sweep otherwise", ("name",), "sweep")
-    missing = [variant for variant in folder.variants.values() if not folder.is_done(variant.name)]
+    missing = [variant for variant in folder.variants.values() if not folder.is_whole(variant.name)]
     return folder, [_point(sweep, folder, variant) for variant in missing]
 
 
@@ -65,7 +65,7 @@ def _point(sweep: Sweep, folder: Folder, variant: Variant) -> Point:
 def run_points(folder: Folder, names: Iterable[str], ranks: int, progress: Progress) -> None:
     """Run points one after the other in this process; what goes wrong is noted in the point's state, not raised."""
     for name in names:
-        if name not in folder.variants or folder.is_done(name):
+        if name not in folder.variants or folder.is_whole(name):
             progress.note(f"{name}: done before, or no point of this sweep any more")
             continue
         progress.note(f"{name}: {folder.variants[name].changes}")

@@ -6,9 +6,13 @@ import csv
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from granpipe.errors import DataError, RunError
+from granpipe.system.surroundings import own_style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Row = Mapping[str, str | float]
 """Column → value; what a row does not have is left empty."""
@@ -60,9 +64,15 @@ def draw(rows: Sequence[Row], over: str, others: Sequence[str], figures: Sequenc
 
     DataError where a column is not in the table, or holds no number.
     """
+    with own_style({}):
+        _chart([row for row in rows if _number(row.get(over, "")) is not None], over, others, figures).savefig(
+            path, dpi=150
+        )
+
+
+def _chart(rows: Sequence[Row], over: str, others: Sequence[str], figures: Sequence[str]) -> Figure:
     from matplotlib.figure import Figure
 
-    rows = [row for row in rows if _number(row.get(over, "")) is not None]
     figure = Figure(figsize=(7.0, 3.2 * len(figures)), layout="constrained")
     for panel, column in zip(figure.subplots(len(figures), squeeze=False)[:, 0], figures, strict=True):
         lines = _lines(rows, over, others, column)
@@ -74,7 +84,7 @@ def draw(rows: Sequence[Row], over: str, others: Sequence[str], figures: Sequenc
         panel.grid(alpha=0.3)
         if 1 < len(lines) <= 12:
             panel.legend(fontsize=7)
-    figure.savefig(path, dpi=150)
+    return figure
 
 
 def _lines(rows: Sequence[Row], over: str, others: Sequence[str], column: str) -> dict[str, list[tuple[float, float]]]:

@@ -16,7 +16,8 @@ def gmsh_session(task: str) -> Iterator[Any]:
     """The gmsh module, ready to use; what fails in it becomes a MeshError that names the task.
 
     gmsh prints nothing, reads no configuration of the user, and works on one thread: the same mesh on every machine.
-    It takes the handler of SIGTERM away when it starts, so that a run could not be ended cleanly: the handlers are put
+    It takes the handlers of signals away when it starts, so that a run could not be ended cleanly, and ended with the
+    reader of its output: they are put
     back.
     """
     try:
@@ -41,7 +42,7 @@ def _restore_handlers() -> None:
     """Install Python's own handlers again; only the main thread may, and only it had any."""
     if threading.current_thread() is not threading.main_thread():
         return
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGPIPE):
         handler = signal.getsignal(number)
         if handler is not None:
             signal.signal(number, handler)

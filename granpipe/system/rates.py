@@ -12,9 +12,10 @@ from typing import Annotated
 
 from pydantic import Field, PositiveInt
 
-from granpipe.errors import DataError
+from granpipe.errors import DataError, RunError
 from granpipe.system.files import write_whole
 from granpipe.system.jsonfile import read_json
+from granpipe.system.surroundings import cache_folder, can_be_written
 
 Rate = Annotated[float, Field(gt=0, lt=1e15, allow_inf_nan=False)]
 
@@ -60,6 +61,12 @@ def known_rates() -> Rates | None:
     return rates if rates is not None and 1 in rates.by_ranks else None
 
 
+def require_place() -> None:
+    """RunError where rates cannot be kept; asked before they are measured."""
+    if not can_be_written(_path().parent):
+        raise RunError(f"{_path().parent}: not writable; give a writable folder in XDG_CACHE_HOME")
+
+
 def keep_rates(by_ranks: dict[int, float]) -> Rates:
     """Keep what has been measured today, beside what other machines with the same cache have."""
     rates, path = Rates(date.today().isoformat(), by_ranks), _path()
@@ -79,5 +86,4 @@ def _stored(path: Path) -> dict[str, Rates]:
 
 
 def _path() -> Path:
-    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(cache) / "granpipe" / _FILE
+    return cache_folder() / "granpipe" / _FILE

@@ -339,6 +339,50 @@ def test_ended_at_random_moments_a_run_ends_as_if_unbroken(
     assert len(segments(results)) == len(segments(unbroken))
 
 
+def state_of(process: int) -> str:
+    return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+
+
+def test_ctrl_z_stops_liggghts_too_and_it_goes_on_with_granpipe(tiny: Path, results: Path, unbroken: Path) -> None:
+    process = start(tiny, results, FAKE_PAUSE="0.5")
+    wait_for(".store/produce-*/segment-00002", results)
+    process.send_signal(signal.SIGTSTP)
+    end = time.monotonic() + 10
+    while state_of(process.pid) != "T" and time.monotonic() < end:
+        time.sleep(0.02)
+    (liggghts,) = producing(results)
+    assert state_of(process.pid) == state_of(liggghts) == "T"
+    before = sorted(chain(results).rglob("snapshot*"))
+    time.sleep(1)
+    assert sorted(chain(results).rglob("snapshot*")) == before
+    process.send_signal(signal.SIGCONT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode in (0, 4), said
+    assert_same_field(results, unbroken)
+
+
+def test_granpipe_killed_while_it_is_stopped_leaves_no_process(tiny: Path, results: Path) -> None:
+    process = start(tiny, results, FAKE_PAUSE="0.5")
+    wait_for(".store/produce-*/segment-00001", results)
+    process.send_signal(signal.SIGTSTP)
+    time.sleep(1)
+    process.kill()
+    process.wait(10)
+    assert all_gone(results)
+
+
+def test_liggghts_waits_for_an_averaging_that_is_slow(
+    tiny: Path, results: Path, unbroken: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paused, pause = [], run_module.Liggghts.pause
+    monkeypatch.setattr("granpipe.pipeline.production._MOST_AHEAD", 6)
+    monkeypatch.setattr("granpipe.pipeline.production._AT_ONCE", 1)
+    monkeypatch.setattr(run_module.Liggghts, "pause", lambda self, on: (paused.append(on), pause(self, on))[1])
+    run(read_case(tiny), results)
+    assert True in paused
+    assert_same_field(results, unbroken)
+
+
 def test_two_runs_of_a_case_do_not_fight(tiny: Path, results: Path, unbroken: Path) -> None:
     first = start(tiny, results, FAKE_LIGGGHTS="hang@3")
     wait_for(".store/produce-*/segment-00001", results)

@@ -20,6 +20,7 @@ from granpipe.sweep.local import interrupted_once, run_here
 from granpipe.sweep.points import Point, plan_points
 from granpipe.sweep.state import State
 from granpipe.sweep.variants import Variant
+from granpipe.system.manifest import write_manifest
 
 HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
 
@@ -52,8 +53,12 @@ def test_planning_knows_what_is_done_by_the_case_that_is_to_be_run(tmp_path):
         replace(State.begins(folder.key("slip")), phase="done").save(folder.state_file("slip"))
         (folder.points / "slip").mkdir()
         (folder.points / "slip" / "provenance.json").write_text("{}")
+        write_manifest(folder.points / "slip")
     assert Folder(folder.root).is_done("slip")
     assert len(planned(tmp_path, SWEEP)[1]) == 2
+    (folder.points / "slip" / "provenance.json").write_text("{ }")  # damaged: to be made anew
+    assert len(planned(tmp_path, SWEEP)[1]) == 3
+    (folder.points / "slip" / "provenance.json").write_text("{}")
     assert len(planned(tmp_path, SWEEP.replace("model: fluid", "figures: []"))[1]) == 3
 
 

@@ -1,0 +1,78 @@
+"""What a command finds around it, made harmless before any work: closed streams, unwritable caches, user styles."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
+
+_CACHES = ("NUMBA_CACHE_DIR", "MPLCONFIGDIR")
+
+
+class Lossy:
+    """A text stream that goes on where nobody reads it any more: a run must not end for a line that is lost."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(BrokenPipeError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(BrokenPipeError):
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def prepare() -> None:
+    """To be called first by a command.
+
+    Streams that are closed get the null device, so that no file takes their number; Jupyter's drawing back end is not
+    used; caches of libraries go to a temporary folder where the user's cannot be written.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        setattr(sys, name, Lossy(stream) if stream is not None else Path(os.devnull).open("w"))  # noqa: SIM115
+    os.environ["MPLBACKEND"] = "agg"
+    if not can_be_written(cache_folder()) and not all(name in os.environ for name in _CACHES):
+        folder = tempfile.mkdtemp(prefix="granpipe-")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        for name in _CACHES:
+            os.environ.setdefault(name, folder)
+
+
+def cache_folder() -> Path:
+    """The folder in which the user's programs keep what can be made again."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path(os.environ.get("HOME") or "~").expanduser() / ".cache")
+
+
+def can_be_written(folder: Path) -> bool:
+    """Whether files can be put into a folder, which may have to be made."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    return there.is_dir() and os.access(there, os.W_OK)
+
+
+@contextlib.contextmanager
+def own_style(changes: dict[Any, Any]) -> Iterator[None]:
+    """In the block matplotlib draws with its own defaults and these changes, whatever the user's style is."""
+    import matplotlib
+
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(changes)
+        yield

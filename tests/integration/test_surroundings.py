@@ -1,0 +1,75 @@
+"""Whatever surrounds a command, it works or is refused before the work begins."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
+COMMAND = [sys.executable, "-m", "granpipe"]
+RUN = [*COMMAND, "run", str(HOPPER), "--set", "figures=[rz]", "--set", "export=[]"]
+
+
+def in_shell(command: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """The outcome of a shell command in a folder; `"$@"` in it is the run of a small fluid case."""
+    return subprocess.run(
+        ["bash", "-c", command, "bash", *RUN],
+        cwd=folder, env=os.environ | environment, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+
+
+def assert_done(folder: Path) -> None:
+    names = {path.name for path in (folder / "results" / "hopper").iterdir()}
+    assert {"field.npz", "provenance.json", "manifest.json", "figures"} <= names
+
+
+@pytest.mark.parametrize(
+    ("command", "environment"),
+    [
+        ('"$@"', {"MPLBACKEND": "module://matplotlib_inline.backend_inline"}),
+        ('"$@"', {"MPLBACKEND": "nonsense"}),
+        ("echo 'text.usetex: True' > matplotlibrc; \"$@\"", {}),
+        ('"$@" 2>&-', {}),
+        ('"$@" >&- 2>&- <&-', {}),
+        ('{ "$@"; echo $? > status; } 2>&1 | true; exit $(cat status)', {}),
+    ],
+    ids=["Jupyter", "no such back end", "usetex", "stderr closed", "all streams closed", "reader gone"],
+)
+def test_a_run_is_done(tmp_path: Path, command: str, environment: dict[str, str]) -> None:
+    done = in_shell(command, tmp_path, **environment)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert_done(tmp_path)
+
+
+def test_a_lost_reader_does_not_hide_a_failed_gate(tmp_path: Path) -> None:
+    command = '{ "$@" --set fluid.order=2 --set name=/bad; echo $? > status; } 2>&1 | true; exit $(cat status)'
+    assert in_shell(command, tmp_path).returncode == 2
+
+
+def test_caches_go_elsewhere_where_home_cannot_be_written(tmp_path: Path) -> None:
+    script = "import granpipe.system.surroundings as s, os; s.prepare(); print(os.environ['NUMBA_CACHE_DIR'])"
+    (tmp_path / "file").touch()
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=os.environ | {"XDG_CACHE_HOME": str(tmp_path / "file" / "cache")},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    folder = Path(done.stdout.strip())
+    assert folder.name.startswith("granpipe-")
+    assert not folder.exists()  # gone with the process
+
+
+def test_calibrate_is_refused_before_it_measures(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = subprocess.run(
+        [*COMMAND, "calibrate"], env=os.environ | {"XDG_CACHE_HOME": str(tmp_path / "file" / "cache")},
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 3
+    assert re.search(r"not writable; give a writable folder in XDG_CACHE_HOME", done.stderr)
+    assert "settle" not in done.stderr
