@@ -16,9 +16,8 @@ def gmsh_session(task: str) -> Iterator[Any]:
     """The gmsh module, ready to use; what fails in it becomes a MeshError that names the task.
 
     gmsh prints nothing, reads no configuration of the user, and works on one thread: the same mesh on every machine.
-    It takes the handlers of signals away when it starts, so that a run could not be ended cleanly, and ended with the
-    reader of its output: they are put
-    back.
+    It takes the handlers of signals away when it starts, so that a run could not be ended cleanly, and would die with
+    the reader of its output: the handlers are put back.
     """
     try:
         import gmsh
