@@ -203,7 +203,7 @@ DAMAGES: dict[str, Callable[[bytes], bytes]] = {
         ("snapshot.bin", "short"),
         ("sums.npz", "flipped"),
         pytest.param("segment.json", "empty", marks=pytest.mark.slow),
-        pytest.param("hashes.json", "short", marks=pytest.mark.slow),
+        pytest.param("manifest.json", "short", marks=pytest.mark.slow),
     ],
 )
 def test_of_a_damaged_checkpoint_the_one_before_is_used(
