@@ -59,10 +59,6 @@ def test_a_grid_that_does_not_fit_into_memory_is_refused_with_its_size(monkeypat
     assert grid_round(wide, Frame("xyz", 0.015), 14).shape[0] == 536
 
 
-def test_the_free_memory_of_this_machine_is_known() -> None:
-    assert 1e6 < module._free_memory() < 1e15
-
-
 @pytest.mark.parametrize(
     ("frame", "message"),
     [
