@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from fakes.runs import Stages
 
-from granpipe.case.schema import read_case
+from granpipe.case.reader import read_case
 from granpipe.field import Field
 from granpipe.pipeline.run import run_case
 
