@@ -1,4 +1,4 @@
-"""From segment sums to a `Field`: the raw average alone, and the paper's method."""
+"""From segment sums to a `Field`: the raw average alone, and the article's method."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ def raw_field(sums: Sums, inside_fraction: Array, plug: Plug, diameter: float, f
     )
 
 
-def with_standard_errors(field: Field, parts: Sequence[Sums]) -> Field:
+def with_standard_errors(field: Field, segments: Sequence[Sums]) -> Field:
     """A plain average with its standard errors from blocks of its segments; without where there are too few."""
-    if len(parts) < LEAST_BLOCKS:
+    if len(segments) < LEAST_BLOCKS:
         return field
-    joined = blocks(parts)
+    joined = blocks(segments)
     flux_r, flux_z = (standard_error(np.array(values)) for values in zip(*(b.mean_flux for b in joined), strict=True))
     along_y = [block.mean_flux_y for block in joined if block.mean_flux_y is not None]
     return replace(
@@ -64,7 +64,7 @@ def with_standard_errors(field: Field, parts: Sequence[Sums]) -> Field:
 def gaussian_field(
     sums: Sums, inside_fraction: Array, plug: Plug, diameter: float, passes: int, flow_scale: float = 1.0
 ) -> Field:
-    """The paper's adjustment: rows scaled to the plug's flow, Gaussian `passes` times, rows scaled again.
+    """The article's adjustment: rows scaled to the plug's flow, Gaussian `passes` times, rows scaled again.
 
     Parameters
     ----------

@@ -150,24 +150,24 @@ class Sums:
             raise DataError(f"{path}: not segment sums that granpipe wrote ({error})") from error
 
 
-def merge(parts: Sequence[Sums]) -> Sums:
+def merge(segments: Sequence[Sums]) -> Sums:
     """One `Sums` of several segments (or of runs), in the order of run and time; refuses other grids or sampling."""
-    if not parts:
+    if not segments:
         raise DataError("no segments to average: none was sampled, or all lie before the start of the average")
-    ordered = sorted(parts, key=lambda part: (part.run, part.start))
+    ordered = sorted(segments, key=lambda segment: (segment.run, segment.start))
     first = ordered[0]
-    for part in ordered[1:]:
-        if part.sampling != first.sampling:
-            raise DataError(f"segments sampled by {first.sampling} and by {part.sampling} do not merge")
-        if not _same_grid(part.grid, first.grid):
+    for segment in ordered[1:]:
+        if segment.sampling != first.sampling:
+            raise DataError(f"segments sampled by {first.sampling} and by {segment.sampling} do not merge")
+        if not _same_grid(segment.grid, first.grid):
             raise DataError(
-                f"segments on different grids do not merge: {_describe(first.grid)}; {_describe(part.grid)}"
+                f"segments on different grids do not merge: {_describe(first.grid)}; {_describe(segment.grid)}"
             )
     added = ["duration", "weight", "volume", "flow_r", "flow_z", "gain"]
-    added += [name for name in ("moments", "flow_y") if all(getattr(part, name) is not None for part in ordered)]
+    added += [name for name in ("moments", "flow_y") if all(getattr(segment, name) is not None for segment in ordered)]
     joined = ("time", "level_flow", "solids", "kinetic", "count")
-    values = {name: sum(getattr(part, name) for part in ordered) for name in added}
-    values |= {name: np.concatenate([getattr(part, name) for part in ordered]) for name in joined}
+    values = {name: sum(getattr(segment, name) for segment in ordered) for name in added}
+    values |= {name: np.concatenate([getattr(segment, name) for segment in ordered]) for name in joined}
     return Sums(
         grid=first.grid,
         sampling=first.sampling,
@@ -179,12 +179,12 @@ def merge(parts: Sequence[Sums]) -> Sums:
     )
 
 
-def _added_extras(parts: Sequence[Sums]) -> dict[str, Array]:
-    """The extra sums of all parts together; refused where not all have the same ones."""
-    names = set(parts[0].extra)
-    if any(set(part.extra) != names for part in parts):
+def _added_extras(segments: Sequence[Sums]) -> dict[str, Array]:
+    """The extra sums of all segments together; refused where not all have the same ones."""
+    names = set(segments[0].extra)
+    if any(set(segment.extra) != names for segment in segments):
         raise DataError("segments with different extra sums do not merge")
-    return {name: np.sum([part.extra[name] for part in parts], axis=0) for name in parts[0].extra}
+    return {name: np.sum([segment.extra[name] for segment in segments], axis=0) for name in segments[0].extra}
 
 
 def _same_grid(one: Grid, other: Grid) -> bool:

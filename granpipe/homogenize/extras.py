@@ -48,7 +48,7 @@ class Surface(Protocol):
         """(m,) area that each piece sweeps about the axis [m²]."""
 
 
-class SizeClasses:
+class SizeClassVolumes:
     """Sums the solids of each size class: ``class_volume`` (classes, nz, nr).
 
     Parameters
@@ -124,9 +124,9 @@ def _per_piece(piece: NDArray[np.int64], value: Array, count: int) -> Array:
     return np.bincount(piece, value, count).astype(float)
 
 
-def size_class_arrays(parts: Sequence[Sums], radii: Array, inside_fraction: Array) -> Arrays:
+def size_class_arrays(segments: Sequence[Sums], radii: Array, inside_fraction: Array) -> Arrays:
     """Packing of every class and Sauter diameter, Σ V / Σ (V/d), in every cell; 0 where nothing ever is."""
-    sums = merge(parts)
+    sums = merge(segments)
     volume, diameter = sums.extra["class_volume"] / sums.weight, 2 * radii
     per_diameter = np.tensordot(1 / diameter, volume, axes=1)
     total = volume.sum(axis=0)
@@ -136,7 +136,7 @@ def size_class_arrays(parts: Sequence[Sums], radii: Array, inside_fraction: Arra
     return {"class_diameter": diameter, "class_packing": share * room, "sauter_diameter": sauter}
 
 
-def wall_slip_arrays(parts: Sequence[Sums], surface: Surface) -> Arrays:
+def wall_slip_arrays(segments: Sequence[Sums], surface: Surface) -> Arrays:
     """Mean velocity along each piece of the particles that touch it, and the part of it that lies behind them."""
 
     def contact(sums: Sums) -> Array:
@@ -145,27 +145,27 @@ def wall_slip_arrays(parts: Sequence[Sums], surface: Surface) -> Arrays:
     def slip(sums: Sums) -> Array:
         return _ratio(sums.extra["wall_slide"], sums.extra["wall_shadow"])
 
-    return _places(surface) | _measured("wall_contact", parts, contact) | _measured("wall_slip", parts, slip)
+    return _places(surface) | _measured("wall_contact", segments, contact) | _measured("wall_slip", segments, slip)
 
 
-def wall_pressure_arrays(parts: Sequence[Sums], surface: Surface) -> Arrays:
+def wall_pressure_arrays(segments: Sequence[Sums], surface: Surface) -> Arrays:
     """Mean pressure on each piece [Pa]."""
 
     def pressure(sums: Sums) -> Array:
         return sums.extra["wall_force"] / (sums.extra["wall_looks"] * surface.area)
 
-    return _places(surface) | _measured("wall_pressure", parts, pressure)
+    return _places(surface) | _measured("wall_pressure", segments, pressure)
 
 
 def _places(surface: Surface) -> Arrays:
     return {"wall_surface": surface.labels, "wall_ends": surface.ends}
 
 
-def _measured(name: str, parts: Sequence[Sums], measure: Callable[[Sums], Array]) -> Arrays:
-    """A mean over all parts, and its standard error from blocks of them where there are enough."""
-    found: Arrays = {name: measure(merge(parts))}
-    if len(parts) >= LEAST_BLOCKS:
-        found[f"{name}_se"] = standard_error(np.array([measure(block) for block in blocks(parts)]))
+def _measured(name: str, segments: Sequence[Sums], measure: Callable[[Sums], Array]) -> Arrays:
+    """A mean over all segments, and its standard error from blocks of them where there are enough."""
+    found: Arrays = {name: measure(merge(segments))}
+    if len(segments) >= LEAST_BLOCKS:
+        found[f"{name}_se"] = standard_error(np.array([measure(block) for block in blocks(segments)]))
     return found
 
 

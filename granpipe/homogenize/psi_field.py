@@ -56,7 +56,7 @@ class PsiFitted:
 
 
 def psi_field(
-    parts: Sequence[Sums], inside_fraction: Array, plug: Plug, diameter: float, flow_scale: float = 1.0
+    segments: Sequence[Sums], inside_fraction: Array, plug: Plug, diameter: float, flow_scale: float = 1.0
 ) -> PsiFitted:
     """Fit ψ to the average of some segments, and to that of each block of them for the standard error.
 
@@ -64,17 +64,17 @@ def psi_field(
 
     Parameters
     ----------
-    parts : segments of equal length; from 7 on the field has standard errors
+    segments : segments of equal length; from 7 on the field has standard errors
     inside_fraction : (nz, nr) part of each cell inside the outline
-    plug : packing and flow in the plug, of all parts together
+    plug : packing and flow in the plug, of all segments together
     diameter : particle diameter [m]
     flow_scale : flow of the case over that of the simulation
     """
-    if len(parts) < 2:
+    if len(segments) < 2:
         raise DataError("the ψ fit takes its weights from how segments differ: average two segments or more")
-    sums = merge(parts)
+    sums = merge(segments)
     raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
-    independent = blocks(parts, min(len(parts), BLOCKS))
+    independent = blocks(segments, min(len(segments), BLOCKS))
     run = np.array([block.run for block in independent])
     raw_se, _ = _standard_errors([block.mean_flux for block in independent], run, sums.grid)
     if raw_se[1].max() < 1e-9 * np.abs(sums.mean_flux[1]).max():
@@ -82,14 +82,14 @@ def psi_field(
     weights = _weights(raw_se, flowing_faces(raw.bulk, inside_fraction), sums.grid, diameter)
     roles = node_roles(inside_fraction, raw.bulk)
     steady = _Steady(sums, plug)
-    long = blocks(parts, min(len(parts), LEAST_BLOCKS))  # short ones share noise with their neighbours
+    long = blocks(segments, min(len(segments), LEAST_BLOCKS))  # short ones share noise with their neighbours
     fit = _best_fit([steady.data(block) for block in long], sums.grid, roles, weights, diameter)
     psi = fit.solve(*steady.flux(sums), plug.solids_flow)
     flux_r, flux_z = flux_from_psi(psi, sums.grid)
     field = replace(raw, psi=psi, flux_r=flux_r, flux_z=flux_z)
     fluxes = [flux_from_psi(fit.solve(*flux, flow), sums.grid) for flux, flow in map(steady.data, independent)]
     se, effective = _standard_errors(fluxes, run, sums.grid)
-    if len(parts) >= LEAST_BLOCKS:
+    if len(segments) >= LEAST_BLOCKS:
         field = replace(field, raw_flux_r_se=raw_se[0], raw_flux_z_se=raw_se[1], flux_r_se=se[0], flux_z_se=se[1])
     return PsiFitted(
         field=field,

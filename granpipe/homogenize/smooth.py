@@ -1,4 +1,4 @@
-"""The bulk mask, and the paper's repeated 5×5 Gaussian, kept inside it.
+"""The bulk mask, and the article's repeated 5×5 Gaussian, kept inside it.
 
 Sparta & Halvorsen (2017), Appendix B, after Davies (1990). The convolution is normalised by the part of its window
 that holds data, so that nothing is drawn in from walls, voids or beyond the grid; across the axis the field goes on as

@@ -38,9 +38,9 @@ class AveragedField:
     figures: dict[str, Any]
 
 
-def averaged_field(case: Case, outline: Outline, parts: Sequence[Sums], diameter: float) -> AveragedField:
+def averaged_field(case: Case, outline: Outline, segments: Sequence[Sums], diameter: float) -> AveragedField:
     """The average of some segments, made to conserve by the case's method and scaled to the flow that it asks for."""
-    sums = merge(parts)
+    sums = merge(segments)
     inside = outline.inside_fraction(sums.grid)
     plug = measure_plug(
         sums, inside, plug_range(outline, sums.grid), diameter, _known_packing(case, outline, sums, inside, diameter)
@@ -49,7 +49,7 @@ def averaged_field(case: Case, outline: Outline, parts: Sequence[Sums], diameter
     if case.homogenize.method == "gaussian":
         field = gaussian_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale)
         return AveragedField(field, plug, {})
-    fitted = psi_field(parts, inside, plug, diameter, scale)
+    fitted = psi_field(segments, inside, plug, diameter, scale)
     figures: dict[str, Any] = {
         "smoothing_length_m": fitted.smoothing_length,
         "blocks": fitted.blocks,
@@ -75,14 +75,14 @@ def statistical_errors(field: Field, levels: Levels) -> dict[str, float]:
     return {name: float(np.sqrt(error[at].sum() / max(flux[at].sum(), 1e-300))) for name, at in rows.items()}
 
 
-def smoothing_change(field: Field, parts: Sequence[Sums], diameter: float) -> float | None:
+def smoothing_change(field: Field, segments: Sequence[Sums], diameter: float) -> float | None:
     """Relative difference of a field from its raw average, beyond noise, in what is larger than a particle.
 
     √(max(0, E² − Σ A SE² / Σ A F²)) over the bulk cells, each level of the raw average scaled to the field's own flow.
     Both are seen through a Gaussian of half a particle diameter, which takes away the layers that particles form along
     walls. None where there are too few segments for a standard error.
     """
-    if len(parts) < LEAST_BLOCKS or field.raw_flux_r is None or field.raw_flux_z is None:
+    if len(segments) < LEAST_BLOCKS or field.raw_flux_r is None or field.raw_flux_z is None:
         return None
     grid, faces = field.grid, flowing_faces(field.bulk, field.inside_fraction)
     passes = max(1, round((0.5 * diameter / grid.cell) ** 2))
@@ -93,7 +93,7 @@ def smoothing_change(field: Field, parts: Sequence[Sums], diameter: float) -> fl
         return smooth(flux_r * (0.5 * (scale[1:] + scale[:-1]))[:, None], flux_z * scale[:, None], faces, passes)
 
     final, raw = seen(field.flux_r, field.flux_z), seen(field.raw_flux_r, field.raw_flux_z)
-    several = zip(*(smooth(*block.mean_flux, faces, passes) for block in blocks(parts)), strict=True)
+    several = zip(*(smooth(*block.mean_flux, faces, passes) for block in blocks(segments)), strict=True)
     error = [standard_error(np.array(fluxes)) for fluxes in several]
     weight = np.where(field.bulk, grid.ring_area, 0.0)
     change, noise, flux = (
@@ -102,38 +102,38 @@ def smoothing_change(field: Field, parts: Sequence[Sums], diameter: float) -> fl
     return float(np.sqrt(max(0.0, change - noise) / flux))
 
 
-def after_transient(parts: Sequence[Sums], case: Case) -> list[Sums]:
+def after_transient(segments: Sequence[Sums], case: Case) -> list[Sums]:
     """The segments of each run from the start that the case gives, or from one that suits its data."""
-    runs = [[sums for sums in parts if sums.run == run] for run in sorted({sums.run for sums in parts})]
+    runs = [[sums for sums in segments if sums.run == run] for run in sorted({sums.run for sums in segments})]
     return [sums for run in runs for sums in _from_start(run, case)]
 
 
-def _from_start(parts: list[Sums], case: Case) -> list[Sums]:
-    start = _steady_start(parts) if case.homogenize.start == "auto" else float(case.homogenize.start)
-    kept = [sums for sums in parts if sums.start >= start - 1e-9 * parts[-1].stop]
+def _from_start(segments: list[Sums], case: Case) -> list[Sums]:
+    start = _steady_start(segments) if case.homogenize.start == "auto" else float(case.homogenize.start)
+    kept = [sums for sums in segments if sums.start >= start - 1e-9 * segments[-1].stop]
     if not kept:
-        raise DataError(f"no segment begins after homogenize.start = {start:g} s; the last at {parts[-1].start:g} s")
+        raise DataError(f"no segment begins after homogenize.start = {start:g} s; the last at {segments[-1].start:g} s")
     return kept
 
 
-def _steady_start(parts: list[Sums]) -> float:
+def _steady_start(segments: list[Sums]) -> float:
     """Where averaging begins [s]: after the onset that MSER-5 finds, within the first half of the run.
 
     Flow above an obstacle comes in bursts. Of the segments that may be first, the one is taken from which on the
     filling changes least to the end, so that the average holds bursts and rests alike.
     """
-    whole = merge(parts)
+    whole = merge(segments)
     onset_time = float(whole.time[onset(whole.level_flow, whole.solids, whole.kinetic)])
-    latest = max(onset_time, 0.5 * (parts[0].start + parts[-1].stop))
-    first = [i for i, part in enumerate(parts) if onset_time - part.duration < part.start <= latest] or [0]
-    net = _net_storage(parts)
-    return parts[min(first, key=lambda i: float(net[i]))].start
+    latest = max(onset_time, 0.5 * (segments[0].start + segments[-1].stop))
+    first = [i for i, segment in enumerate(segments) if onset_time - segment.duration < segment.start <= latest] or [0]
+    net = _net_storage(segments)
+    return segments[min(first, key=lambda i: float(net[i]))].start
 
 
-def _net_storage(parts: list[Sums]) -> Array:
+def _net_storage(segments: list[Sums]) -> Array:
     """(n,) largest rate at which solids gather below any level, on average from each segment to the end [m³/s]."""
-    gain = np.cumsum([part.gain.sum(axis=1) for part in parts[::-1]], axis=0)[::-1]
-    duration = np.cumsum([part.duration for part in parts[::-1]])[::-1]
+    gain = np.cumsum([segment.gain.sum(axis=1) for segment in segments[::-1]], axis=0)[::-1]
+    duration = np.cumsum([segment.duration for segment in segments[::-1]])[::-1]
     return np.asarray(np.abs(np.cumsum(gain, axis=1)).max(axis=1) / duration)
 
 

@@ -43,8 +43,8 @@ from granpipe.system.jsonfile import read_json
 def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
     """Average the segments of all runs after their transients and make the field."""
     settings = plan.dem
-    parts = [sums for production in productions for sums in production.sums()]
-    simulated = after_transient(parts, plan.case)
+    segments = [sums for production in productions for sums in production.sums()]
+    simulated = after_transient(segments, plan.case)
     reports = [production.reports() for production in productions]
     overlap = float(np.mean([report["reference_overlap"] for run in reports for report in run]))
     steady = as_rigid(simulated, overlap)
@@ -114,20 +114,20 @@ def _size_gate(bed: dict[str, Any]) -> Gate:
     return SIZE_SHARE.gate(float(np.abs(np.array(bed["mass_share"]) - np.array(bed["wanted_mass_share"])).max()))
 
 
-def run_statistics(parts: Sequence[Sums], levels: Levels) -> dict[str, Any]:
+def run_statistics(segments: Sequence[Sums], levels: Levels) -> dict[str, Any]:
     """What the average is worth and what it hides: turnovers, trends, flow off the centre.
 
     Below one turnover a section still holds what it was filled with. Empty where there are too few segments for errors.
     """
-    if len(parts) < LEAST_BLOCKS:
+    if len(segments) < LEAST_BLOCKS:
         return {}
-    whole, joined = merge(parts), blocks(parts)
+    whole, joined = merge(segments), blocks(segments)
     ranges = {name: (low, top) for name, (top, low) in levels.items()}
     return {
         "turnovers": {name: turnovers(whole, z) for name, z in ranges.items()},
         "trend_of_solids": _trend([block.solids.mean() for block in joined]),
         "trend_of_kinetic_energy": _trend([block.kinetic.mean() for block in joined]),
-        "off_centre": {name: _plain(off_centre(parts, z)) for name, z in ranges.items()},
+        "off_centre": {name: _plain(off_centre(segments, z)) for name, z in ranges.items()},
     }
 
 

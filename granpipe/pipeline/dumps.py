@@ -96,9 +96,9 @@ def _on_grid(request: Request) -> Homogenized:
     found = survey(request, request.frame.z)
     frame_marks = frame_gates(found, request.frame)
     grid = grid_round(found, request.frame, _most_segments(request))
-    collector, parts = _averaged(request, grid, found)
-    densest = check_packing(merge(parts), np.ones(grid.shape), found.diameter)
-    field, method = _plain(parts, found.diameter)
+    collector, segments = _averaged(request, grid, found)
+    densest = check_packing(merge(segments), np.ones(grid.shape), found.diameter)
+    field, method = _plain(segments, found.diameter)
     gates = [*frame_marks, *time_gate(found), *solids_gate(found, held_solids(field), request.frame)]
     return _told(
         field, method, [*gates, PACKING.gate(field.bulk_packing)], found, collector, {"largest_packing": densest}
@@ -119,13 +119,13 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     found = survey(request, (outline.z_bottom, outline.z_top), _inside(outline))
     frame_marks = frame_gates(found, frame)
     outside = check_outside(found)
-    collector, parts = _averaged(request, grid, found, summed.extras)
-    densest = check_packing(merge(parts), outline.inside_fraction(grid), found.diameter)
-    averaged = averaged_field(case, outline, parts, found.diameter)
-    field = replace(averaged.field, extra=summed.arrays(parts, averaged.field.inside_fraction))
+    collector, segments = _averaged(request, grid, found, summed.extras)
+    densest = check_packing(merge(segments), outline.inside_fraction(grid), found.diameter)
+    averaged = averaged_field(case, outline, segments, found.diameter)
+    field = replace(averaged.field, extra=summed.arrays(segments, averaged.field.inside_fraction))
     field, derived = with_derived(field, case.homogenize.fields)
-    figures = averaged.figures | derived | run_statistics(parts, case.outline.levels)
-    gates = [*frame_marks, *time_gate(found), *_average_gates(case, averaged, parts, found.diameter, figures)]
+    figures = averaged.figures | derived | run_statistics(segments, case.outline.levels)
+    gates = [*frame_marks, *time_gate(found), *_average_gates(case, averaged, segments, found.diameter, figures)]
     gates += [*solids_gate(found, held_solids(field), frame), PACKING.gate(field.bulk_packing)]
     figures |= {"largest_packing": densest, "solids_outside_the_walls": outside}
     told = _told(field, case.homogenize.method, gates, found, collector, figures)
@@ -154,26 +154,26 @@ def _extra_sums(case: Case, outline: Outline) -> ExtraSums:
 
 
 def _average_gates(
-    case: Case, averaged: AveragedField, parts: list[Sums], diameter: float, figures: dict[str, Any]
+    case: Case, averaged: AveragedField, segments: list[Sums], diameter: float, figures: dict[str, Any]
 ) -> list[Gate]:
     """What a run of granpipe would have to pass."""
-    gates = [*average_gates(case, averaged, merge(parts)), upward_gate(averaged.field)]
+    gates = [*average_gates(case, averaged, merge(segments)), upward_gate(averaged.field)]
     if "off_centre" in figures:
         gates.append(asymmetry_gate(figures["off_centre"]))
-    changed = smoothing_change(averaged.field, parts, diameter)
+    changed = smoothing_change(averaged.field, segments, diameter)
     return gates if changed is None else [*gates, SMOOTHING.gate(changed)]
 
 
-def _plain(parts: list[Sums], diameter: float) -> tuple[Field, str]:
+def _plain(segments: list[Sums], diameter: float) -> tuple[Field, str]:
     """The field without an outline, and what it is."""
-    sums = merge(parts)
+    sums = merge(segments)
     plug, inside = unguided_plug(sums), np.ones(sums.grid.shape)
-    plain = with_standard_errors(raw_field(sums, inside, plug, diameter), parts)
+    plain = with_standard_errors(raw_field(sums, inside, plug, diameter), segments)
     if not (isinstance(sums.grid, Box) and sums.grid.flat):
         return plain, "plain average"
     try:
         _check_closed(sums)
-        return psi_field(parts, inside, plug, diameter).field, "psi"
+        return psi_field(segments, inside, plug, diameter).field, "psi"
     except DataError as error:
         return plain, f"plain average: {error}"
 
@@ -201,7 +201,7 @@ def _averaged(
     collector = Collector(grid, "displacement" if by_path else "velocity", jump=jump, extras=extras)
     samples = len(found.times) - by_path
     length = -(-samples // _most_segments(request))
-    parts: list[Sums] = []
+    segments: list[Sums] = []
     count = -1 if by_path else 0
     for time, snapshot in window(request):
         if not len(snapshot):
@@ -210,11 +210,11 @@ def _averaged(
         collector.add(time, snapshot.having(**at_rest) if at_rest else snapshot)
         count += 1
         if count == length:
-            parts.append(collector.take())
+            segments.append(collector.take())
             count = 0
     if count:
-        parts = [*parts[:-1], merge([*parts[-1:], collector.take()])]
-    return collector, parts
+        segments = [*segments[:-1], merge([*segments[-1:], collector.take()])]
+    return collector, segments
 
 
 def _told(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from granpipe.analysis.residence_time import residence_time
-from granpipe.dem.sizes import SizeClasses as Classes
+from granpipe.dem.sizes import SizeClasses
 from granpipe.dem.wall_contacts import read_wall_contacts
 from granpipe.field import Array, Field, cell_vectors
 from granpipe.geometry.outline import Outline
@@ -19,7 +19,7 @@ from granpipe.geometry.wall_pieces import WallPieces
 from granpipe.homogenize.average import Extra, Sums
 from granpipe.homogenize.extras import (
     Arrays,
-    SizeClasses,
+    SizeClassVolumes,
     WallSlip,
     size_class_arrays,
     wall_forces,
@@ -44,7 +44,7 @@ class ExtraSums:
     classes : sizes of the particles in the dumps
     """
 
-    def __init__(self, wanted: Sequence[str], outline: Outline, classes: Classes) -> None:
+    def __init__(self, wanted: Sequence[str], outline: Outline, classes: SizeClasses) -> None:
         self.wanted = tuple(name for name in _SUMMED if name in wanted)
         self.radii, self.diameter = classes.radius, classes.sauter_diameter
         self._pieces = WallPieces.of(outline, self.diameter / PIECES_PER_DIAMETER)
@@ -63,7 +63,7 @@ class ExtraSums:
     def extras(self) -> list[Extra]:
         """What is summed over particles."""
         makers: dict[str, Callable[[], Extra]] = {
-            "size_classes": lambda: SizeClasses(self.radii),
+            "size_classes": lambda: SizeClassVolumes(self.radii),
             "wall_slip": lambda: WallSlip(self._pieces, CHORD_ERROR * self.diameter),
         }
         return [make() for name, make in makers.items() if name in self.wanted]
@@ -77,12 +77,12 @@ class ExtraSums:
         path.unlink()
         return values
 
-    def arrays(self, parts: Sequence[Sums], inside_fraction: Array) -> Arrays:
+    def arrays(self, segments: Sequence[Sums], inside_fraction: Array) -> Arrays:
         """The arrays that segments give."""
         makers: dict[str, Callable[[], Arrays]] = {
-            "size_classes": lambda: size_class_arrays(parts, self.radii, inside_fraction),
-            "wall_slip": lambda: wall_slip_arrays(parts, self._pieces),
-            "wall_pressure": lambda: wall_pressure_arrays(parts, self._pieces),
+            "size_classes": lambda: size_class_arrays(segments, self.radii, inside_fraction),
+            "wall_slip": lambda: wall_slip_arrays(segments, self._pieces),
+            "wall_pressure": lambda: wall_pressure_arrays(segments, self._pieces),
         }
         return {name: array for wanted in self.wanted for name, array in makers[wanted]().items()}
 

@@ -13,7 +13,7 @@ from granpipe.geometry.wall_pieces import WallPieces
 from granpipe.homogenize.assemble import packing_fraction
 from granpipe.homogenize.average import Collector, Sums, merge
 from granpipe.homogenize.extras import (
-    SizeClasses,
+    SizeClassVolumes,
     WallSlip,
     size_class_arrays,
     wall_forces,
@@ -58,7 +58,7 @@ def sums_of(extra, start, times=(0.0, 0.1), sampling="velocity"):
 
 @pytest.mark.parametrize("sampling", ["velocity", "displacement"])
 def test_the_classes_together_are_the_packing(sampling):
-    sums = sums_of(SizeClasses(RADII), cloud(), sampling=sampling)
+    sums = sums_of(SizeClassVolumes(RADII), cloud(), sampling=sampling)
     found = size_class_arrays([sums], RADII, INSIDE)
     whole = packing_fraction(sums.mean_volume, INSIDE, GRID)
     assert np.allclose(found["class_packing"].sum(axis=0), whole, rtol=1e-12, atol=1e-15)
@@ -66,11 +66,11 @@ def test_the_classes_together_are_the_packing(sampling):
 
 def test_a_class_is_the_packing_of_its_particles_alone():
     start = cloud()
-    found = size_class_arrays([sums_of(SizeClasses(RADII), start)], RADII, INSIDE)
+    found = size_class_arrays([sums_of(SizeClassVolumes(RADII), start)], RADII, INSIDE)
     for k, radius in enumerate(RADII):
         own = start.radius == radius
         alone = Spheres(start.id[own], start.position[own], start.velocity[own], start.radius[own])
-        volume = sums_of(SizeClasses(RADII), alone).mean_volume
+        volume = sums_of(SizeClassVolumes(RADII), alone).mean_volume
         assert np.allclose(found["class_packing"][k] * GRID.cell_volume, volume, rtol=1e-10, atol=1e-18)
 
 
@@ -78,7 +78,7 @@ def test_the_sauter_diameter_is_that_of_the_spheres_in_the_cell():
     # one cell holds all: Σ d³ / Σ d²
     start = cloud()
     one_cell = Grid.covering(0.4, 0.0, 0.4, 0.4)
-    collector = Collector(one_cell, extras=[SizeClasses(RADII)])
+    collector = Collector(one_cell, extras=[SizeClassVolumes(RADII)])
     collector.add(0.0, start)
     found = size_class_arrays([collector.take()], RADII, np.ones((1, 1)))["sauter_diameter"]
     assert found[0, 0] == pytest.approx(2 * (start.radius**3).sum() / (start.radius**2).sum(), rel=1e-12)
@@ -170,7 +170,7 @@ def test_standard_errors_come_from_blocks():
 
 
 def test_extra_sums_merge_and_come_back_from_their_file(tmp_path):
-    parts = [sums_of(SizeClasses(RADII), cloud(seed=seed), (float(seed),)) for seed in (0, 1)]
+    parts = [sums_of(SizeClassVolumes(RADII), cloud(seed=seed), (float(seed),)) for seed in (0, 1)]
     added = merge(parts).extra["class_volume"]
     assert np.allclose(added, parts[0].extra["class_volume"] + parts[1].extra["class_volume"], rtol=1e-14)
     parts[0].save(tmp_path / "sums.npz")
