@@ -52,7 +52,7 @@ axes:
   - contact.friction: [0.2, 0.5, 0.8]
   - homogenize.start: [2 s, 3 s]  # such two share all that LIGGGHTS does
 points:
-  long: {dem.seed: 2, dem.max_time: 120 s}
+  long: {dem.seed: 2, dem.max_time: 100 s}
   lost: {dem.seed: 3, dem.max_time: 20 s}
   killed: {dem.seed: 4, dem.max_time: 20 s}
   two-ranks: {dem.seed: 5, dem.ranks: 2, dem.max_time: 5 s}
@@ -287,7 +287,7 @@ def test_the_sweep_ends_complete(story: Story) -> None:
         story.start_requeued_jobs_now()
         return not story.cluster.queue()
 
-    wait_for(ended, every=3)
+    wait_for(ended, seconds=4 * PATIENCE, every=3)
     standing = story.status()
     assert Counter(word for word, _ in standing.values()) == {"done": POINTS - 1, "failed": 1}
     assert "none.npz cannot be read" in standing["wrong"][1]
