@@ -55,7 +55,7 @@ class Result:
     def __repr__(self) -> str:
         name = self.folder.name if self.case is None else self.case.name
         quality = f"MARKED: {'; '.join(map(str, self.failed))}" if self.marked else "no quality gate failed"
-        return f"<Result {name}: {self.model}, {quality}>" if self.model else f"<Result {name}>"
+        return f"<Result {name}: {self.model or 'no run'}, {quality}>"
 
     def _repr_png_(self) -> bytes | None:
         """The picture that a notebook shows."""
@@ -116,10 +116,11 @@ def load_result(folder: str | PathLike[str]) -> Result:
     field = SpaceFlow(stored) if space else Flow(stored, None if case is None else Outline.from_case(case))
     if not (folder / "provenance.json").is_file():
         return Result(folder, case, field, None, (), {})
-    provenance, plan = read_json(folder / "provenance.json"), read_json(folder / "plan.json")
+    provenance = read_json(folder / "provenance.json")
     try:
         gates = tuple(Gate(**gate) for gate in provenance["quality"])
-        return Result(folder, case, field, plan["model"], gates, provenance["figures"])
+        model = None if "sampling" in provenance else read_json(folder / "plan.json")["model"]
+        return Result(folder, case, field, model, gates, provenance["figures"])
     except (KeyError, TypeError) as error:
         raise DataError(f"{folder}: damaged ({error!r}); delete it and run again") from None
 

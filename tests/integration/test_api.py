@@ -11,6 +11,7 @@ import nbformat
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from fakes.plane_flow import PlaneFlow
 
 import granpipe
 from granpipe.cli import main
@@ -123,3 +124,19 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     NotebookClient(book, timeout=120, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in book.cells for output in cell.get("outputs", ())]
     assert sum("image/png" in output.get("data", {}) for output in outputs) >= 2
+
+
+@pytest.mark.parametrize(("plane", "coordinates"), [("xz", 2), ("xyz", 3)])
+def test_averaged_dumps_are_a_result_too(plane: str, coordinates: int, tmp_path: Path) -> None:
+    flow = PlaneFlow()
+    (tmp_path / "dumps").mkdir()
+    dumps = flow.dumps(tmp_path / "dumps", 0.05, 4)
+    ends = ["--x", "0", "0.4", "--z", "0", "1"]
+    command = ["homogenize", *map(str, dumps), "--plane", plane, "--cell", "0.05", "--time-step", "5e-5"]
+    CliRunner().invoke(main, [*command, *ends, "--out", str(tmp_path / "out")])
+    result = granpipe.load_result(tmp_path / "out")
+    assert (result.case, result.model) == (None, None)
+    w = result.field.velocity(0.1, *[0.15] * (coordinates - 2), 0.9)[-1]
+    true = flow.velocity(np.array([[0.1, 0.15, 0.9]]))[0, 2] * flow.packing / result.field.stored.bulk_packing
+    assert w == pytest.approx(true, rel=0.1)
+    assert set(result.field.to_xarray().dims) == set(plane)
