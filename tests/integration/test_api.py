@@ -119,6 +119,7 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     from nbclient import NotebookClient
 
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.delenv("MPLBACKEND", raising=False)  # the command line sets it
     book = nbformat.read(ROOT / "docs/notebooks/first_field.ipynb", as_version=4)
     shutil.copytree(ROOT / "cases", tmp_path / "cases")
     NotebookClient(book, timeout=120, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}).execute()
