@@ -1,4 +1,4 @@
-"""The r–z grid and the field on it: what the rooms of granpipe hand to each other.
+"""The r–z grid, the field on it and other data that the rooms of granpipe hand to each other.
 
 Cells are indexed ``[iz, ir]``; z points up, r from the axis, downward flow is negative. Fluxes live on the faces of
 the cells (staggered), so that the balance of every cell is a plain sum of its four faces.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from math import pi
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -72,6 +73,46 @@ class Particles(Protocol):
 
     @property
     def radius(self) -> Array: ...
+
+
+@dataclass(frozen=True)
+class Frustum:
+    """A slab round the axis between two heights, its inner and outer radii linear in z [m]; inner radii 0: no hole."""
+
+    z_low: float
+    z_high: float
+    inner_low: float
+    inner_high: float
+    outer_low: float
+    outer_high: float
+
+    @property
+    def height(self) -> float:
+        """[m]."""
+        return self.z_high - self.z_low
+
+    @property
+    def width(self) -> float:
+        """Larger of the widths at its two ends [m]; the diameter where it has no hole."""
+        low, high = (
+            outer - inner if inner > 0 else 2 * outer
+            for inner, outer in ((self.inner_low, self.outer_low), (self.inner_high, self.outer_high))
+        )
+        return max(low, high)
+
+    @property
+    def volume(self) -> float:
+        """[m³]."""
+        outer = self.outer_low**2 + self.outer_low * self.outer_high + self.outer_high**2
+        inner = self.inner_low**2 + self.inner_low * self.inner_high + self.inner_high**2
+        return pi / 3 * self.height * (outer - inner)
+
+    def cut(self, low: float, high: float) -> Frustum:
+        """The part of it between two heights [m]."""
+        shares = [(z - self.z_low) / self.height for z in (low, high)]
+        inner = [self.inner_low + (self.inner_high - self.inner_low) * share for share in shares]
+        outer = [self.outer_low + (self.outer_high - self.outer_low) * share for share in shares]
+        return Frustum(low, high, *inner, *outer)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Two fields of one vessel compared: how far apart they are beyond what their statistical errors explain."""
+"""Two fields of one vessel compared: their difference beyond statistical error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Heat carried by a flow through the r–z section: what a velocity field is worth to the program that imports it.
+"""Heat carried by a flow through the r–z section, a test of what a velocity field does in the program that imports it.
 
 Steady, axisymmetric, in conservative form:
 

@@ -1,4 +1,4 @@
-"""Measures of a field that people see: where surfaces lie, how large voids are and zones at rest."""
+"""Geometry of a field: positions of surfaces, sizes of voids and stagnant zones."""
 
 from __future__ import annotations
 

@@ -13,13 +13,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import granpipe
 from granpipe.case.schema import Case
 from granpipe.dem.contact import GRAVITY
 from granpipe.dem.settings import Settings, slab_height
 from granpipe.errors import CaseError
+from granpipe.field import Frustum
 
 if TYPE_CHECKING:
     import jinja2
@@ -30,23 +31,6 @@ INSERT_FRACTION = 0.3
 """Packing that random insertion is asked for: 0.35–0.4 is the most it reaches, and a shortfall distorts the sizes."""
 
 _MESH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
-
-
-class Frustum(Protocol):
-    """A slice of the vessel between two heights, its radii linear in z [m]; inner radii are 0 but round an obstacle."""
-
-    @property
-    def z_low(self) -> float: ...
-    @property
-    def z_high(self) -> float: ...
-    @property
-    def outer_low(self) -> float: ...
-    @property
-    def outer_high(self) -> float: ...
-    @property
-    def inner_low(self) -> float: ...
-    @property
-    def inner_high(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -233,17 +217,7 @@ def _mesh_name(name: str) -> str:
     return name
 
 
-@dataclass(frozen=True)
-class _Piece:
-    z_low: float
-    z_high: float
-    outer_low: float
-    outer_high: float
-    inner_low: float
-    inner_high: float
-
-
-def _split(frustum: Frustum, height: float, level: float) -> Iterator[_Piece]:
+def _split(frustum: Frustum, height: float, level: float) -> Iterator[Frustum]:
     """Cut a frustum into slabs no higher than `height`, and where the feed region begins."""
     cuts = {frustum.z_low, frustum.z_high}
     if frustum.z_low < level < frustum.z_high:
@@ -253,24 +227,16 @@ def _split(frustum: Frustum, height: float, level: float) -> Iterator[_Piece]:
         n = max(1, math.ceil((hi - lo) / height - 1e-9))
         for i in range(n):
             a, b = lo + (hi - lo) * i / n, lo + (hi - lo) * (i + 1) / n
-            yield _Piece(a, b, *_radii(frustum, a, b))
+            yield frustum.cut(a, b)
 
 
-def _radii(frustum: Frustum, *heights: float) -> tuple[float, float, float, float]:
-    span = frustum.z_high - frustum.z_low
-    shares = [(z - frustum.z_low) / span for z in heights]
-    outer = [frustum.outer_low + (frustum.outer_high - frustum.outer_low) * s for s in shares]
-    inner = [frustum.inner_low + (frustum.inner_high - frustum.inner_low) * s for s in shares]
-    return outer[0], outer[1], inner[0], inner[1]
-
-
-def _slab(name: str, piece: _Piece, seed: int) -> Slab:
+def _slab(name: str, piece: Frustum, seed: int) -> Slab:
     outer = _region(piece.outer_low, piece.outer_high, piece)
     inner = _region(piece.inner_low, piece.inner_high, piece) if max(piece.inner_low, piece.inner_high) > 0 else ""
     return Slab(name, outer, inner, seed)
 
 
-def _region(lo: float, hi: float, piece: _Piece) -> str:
+def _region(lo: float, hi: float, piece: Frustum) -> str:
     heights = f"{_number(piece.z_low)} {_number(piece.z_high)}"
     if math.isclose(lo, hi):
         return f"cylinder z 0.0 0.0 {_number(lo)} {heights}"

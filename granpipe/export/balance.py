@@ -1,7 +1,7 @@
-"""What linear interpolation between the exported nodes does to the balance of mass.
+"""Mass-balance error of linear interpolation between the exported nodes.
 
 The field itself balances in every cell. A program that interpolates u and w linearly between nodes sees a field that
-does not quite: the flow through its levels differs, and its divergence makes false sources of whatever it carries.
+does not exactly: the flow through its levels varies, and its divergence is a false source of what it carries.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Three formats: Spreadsheet (a row per node), Grid (axes, then rows of values) and Sectionwise (triangles of the solid
 cells alone, so that nothing is interpolated across a wall or a cavity). ASCII, LF, numbers that read back exactly,
-never NaN. What a model does not know has no column and no file.
+never NaN. Quantities that a model does not give have no column and no file.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The half section of a vessel with its dimensions, to see whether a drawing was understood."""
+"""A picture of a vessel's half section with dimensions, to check how a drawing was read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures in the manner of Sparta & Halvorsen (2017): the field on r–z, and the vessel with its particles.
+"""Pictures in the style of Sparta & Halvorsen (2017): the field on r–z, and the vessel with its particles.
 
 No window and no X server: figures are made with matplotlib's Agg canvas, the vessel with pyvista off-screen.
 """

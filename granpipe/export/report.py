@@ -1,4 +1,4 @@
-"""One page of HTML that needs nothing beside itself: text, tables and pictures, for a run and for a study."""
+"""A self-contained HTML page of text, tables and pictures, for a run and for a study."""
 
 from __future__ import annotations
 

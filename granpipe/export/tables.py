@@ -1,4 +1,4 @@
-"""Tables for a spreadsheet: what was measured along the walls, and how long the solids stay."""
+"""Tables for a spreadsheet: wall slip and pressure, and residence times."""
 
 from __future__ import annotations
 

@@ -1,60 +1,27 @@
-"""Where particles can be put into the vessel: slabs clear of every wall, and only where a fall from above leads.
+"""Where particles can be inserted: slabs clear of every wall that particles falling from above can reach.
 
-The free space between the blocked trapezoids is cut where their bounds begin, end or cross; of the pieces, those that
-hang together with the top are kept and joined into few.
+The space outside the excluded regions is cut at the heights where their sides begin, end or cross; the pieces that are
+connected with the top are kept and merged into few.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
-from math import inf, pi, tan
+from math import inf, tan
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granpipe.geometry.blocked import Blocked, Line, Room, blocked_space
+from granpipe.field import Frustum
+from granpipe.geometry.excluded import Clearance, ExcludedRegion, Side, excluded_regions
 
 if TYPE_CHECKING:
     from granpipe.geometry.outline import Outline
 
 JOINING_LOSS = 0.1
 """Part of the volume that may be lost where low slabs become one: a curved wall would otherwise leave slivers only."""
-_AXIS = Line(0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Frustum:
-    """A slab between two levels with straight inner and outer bounds: radii at z_low and z_high [m]."""
-
-    z_low: float
-    z_high: float
-    inner_low: float
-    inner_high: float
-    outer_low: float
-    outer_high: float
-
-    @property
-    def height(self) -> float:
-        """[m]."""
-        return self.z_high - self.z_low
-
-    @property
-    def width(self) -> float:
-        """Larger of the widths at its two ends [m]; the diameter where it lies round the axis."""
-        low, high = (
-            outer - inner if inner > 0 else 2 * outer
-            for inner, outer in ((self.inner_low, self.outer_low), (self.inner_high, self.outer_high))
-        )
-        return max(low, high)
-
-    @property
-    def volume(self) -> float:
-        """[m³]."""
-        outer = self.outer_low**2 + self.outer_low * self.outer_high + self.outer_high**2
-        inner = self.inner_low**2 + self.inner_low * self.inner_high + self.inner_high**2
-        return pi / 3 * self.height * (outer - inner)
+_AXIS = Side(0.0, 0.0, 0.0)
 
 
 def insertion_frusta(
@@ -72,21 +39,21 @@ def insertion_frusta(
     angle : angle from the horizontal under an edge above which nothing is inserted [rad]
     min_size : slabs lower or narrower than this [m] are joined with their neighbours if that loses little, or left out
     """
-    blocked = blocked_space(outline, top, bottom, Room(margin, 1 / tan(angle), outline.r_max))
-    levels = _levels(blocked, top, bottom, outline.tolerance)
-    rows = [_free(blocked, low, high, outline.tolerance) for high, low in pairwise(levels)]
+    excluded = excluded_regions(outline, top, bottom, Clearance(margin, 1 / tan(angle), outline.r_max))
+    levels = _levels(excluded, top, bottom, outline.tolerance)
+    rows = [_free(excluded, low, high, outline.tolerance) for high, low in pairwise(levels)]
     slabs = [slab for chain in _chains(_reached(rows)) for slab in _joined(chain, min_size, outline.tolerance)]
     useful = [slab for slab in slabs if min(slab.height, slab.width) >= min_size]
     return tuple(sorted(useful, key=lambda f: (-f.z_high, f.inner_high)))
 
 
-def _levels(blocked: list[Blocked], top: float, bottom: float, tolerance: float) -> list[float]:
-    """Heights from the top down between which no bound begins, ends or crosses another."""
-    lines = [(line, b) for b in blocked for line in (b.left, b.right) if abs(line.r0) < inf]
-    start = np.array([line.at(0.0) for line, _ in lines] + [0.0])
-    slope = np.array([line.slope for line, _ in lines] + [0.0])
-    low = np.array([b.z_low for _, b in lines] + [-inf])
-    high = np.array([b.z_high for _, b in lines] + [inf])
+def _levels(excluded: list[ExcludedRegion], top: float, bottom: float, tolerance: float) -> list[float]:
+    """Heights from the top down between which no side begins, ends or crosses another."""
+    sides = [(side, b) for b in excluded for side in (b.left, b.right) if abs(side.r0) < inf]
+    start = np.array([side.at(0.0) for side, _ in sides] + [0.0])
+    slope = np.array([side.slope for side, _ in sides] + [0.0])
+    low = np.array([b.z_low for _, b in sides] + [-inf])
+    high = np.array([b.z_high for _, b in sides] + [inf])
     with np.errstate(divide="ignore", invalid="ignore"):
         met = (start[None] - start[:, None]) / (slope[:, None] - slope[None])
     shared = (met > np.maximum(low[:, None], low)) & (met < np.minimum(high[:, None], high))
@@ -99,15 +66,15 @@ def _levels(blocked: list[Blocked], top: float, bottom: float, tolerance: float)
     return levels
 
 
-def _free(blocked: list[Blocked], low: float, high: float, tolerance: float) -> list[Frustum]:
-    """What the blocked trapezoids leave free between two levels."""
+def _free(excluded: list[ExcludedRegion], low: float, high: float, tolerance: float) -> list[Frustum]:
+    """What the excluded regions leave free between two levels."""
     middle = 0.5 * (low + high)
-    active = [b for b in blocked if b.z_low < middle < b.z_high and b.left.at(middle) < b.right.at(middle)]
+    active = [b for b in excluded if b.z_low < middle < b.z_high and b.left.at(middle) < b.right.at(middle)]
     active.sort(key=lambda b: b.left.at(middle))
     free, inner = [], _AXIS
     for b in active:
         if b.left.at(middle) - inner.at(middle) > tolerance:
-            radii = [line.at(z) for line in (inner, b.left) for z in (low, high)]
+            radii = [side.at(z) for side in (inner, b.left) for z in (low, high)]
             free.append(Frustum(low, high, *(r if r > tolerance else 0.0 for r in radii)))
         if b.right.at(middle) > inner.at(middle):
             inner = b.right
@@ -127,21 +94,21 @@ def _under(below: Frustum, above: Frustum) -> bool:
 
 
 def _chains(rows: list[list[Frustum]]) -> list[list[Frustum]]:
-    """The slabs strung from the top down, each string without branches."""
-    strings: list[list[Frustum]] = []
+    """The slabs in chains from the top down, each chain without branches."""
+    chains: list[list[Frustum]] = []
     growing: list[list[Frustum]] = []
     for row in rows:
         grown = []
         for slab in row:
-            above = [string for string in growing if _under(slab, string[-1])]
+            above = [chain for chain in growing if _under(slab, chain[-1])]
             if len(above) == 1 and sum(_under(other, above[0][-1]) for other in row) == 1:
                 above[0].append(slab)
                 grown.append(above[0])
             else:
                 grown.append([slab])
-                strings.append(grown[-1])
+                chains.append(grown[-1])
         growing = grown
-    return strings
+    return chains
 
 
 def _joined(chain: list[Frustum], min_size: float, tolerance: float) -> Iterator[Frustum]:

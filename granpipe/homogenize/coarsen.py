@@ -1,4 +1,4 @@
-"""Sums on larger cells: cells are joined, and nothing is lost or deposited anew."""
+"""Sums on larger cells: cells are merged exactly, without depositing the spheres again."""
 
 from __future__ import annotations
 

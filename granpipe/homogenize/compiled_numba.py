@@ -1,4 +1,4 @@
-"""How loops are compiled: by numba, kept in a cache where there is a folder for one."""
+"""Compiles loops with numba, cached where a cache folder is writable."""
 
 from __future__ import annotations
 

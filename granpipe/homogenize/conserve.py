@@ -1,4 +1,4 @@
-"""What the plug above the plate says about packing and flow, and the article's adjustment of every row to that flow.
+"""Packing and flow of the plug above the plate, and the article's scaling of every row to that flow.
 
 Sparta & Halvorsen (2017), Appendix B: the bulk flow, which the plate imposes, scales the flow of every row of the grid.
 """

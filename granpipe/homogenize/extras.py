@@ -1,6 +1,6 @@
-"""What a case may ask for beside packing and flow: extra sums over the samples, and the arrays that they make.
+"""Additional fields that a case may request: extra sums over the samples, and the arrays made from them.
 
-What nobody asks for costs nothing and is in no file.
+Fields that are not requested are neither computed nor written.
 """
 
 from __future__ import annotations

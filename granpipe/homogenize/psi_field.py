@@ -1,4 +1,4 @@
-"""The ψ fit from segment sums to a `Field` that carries its own error."""
+"""The ψ fit: from segment sums to a `Field` with standard errors."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class PsiFitted:
     field : the field
     smoothing_length : ℓ [m], the candidate that predicts left-out blocks best
     blocks : how many blocks of segments the standard errors rest on; none are given below 7
-    effective_blocks : how many independent ones these correlated ones are worth
+    effective_blocks : equivalent number of independent blocks
     storage : largest part of the flow that gathers between the plug and a level, taken off before the fit
     scatter : how far the runs' own fields lie apart, over what the standard errors let expect; None for a single run
     """
@@ -175,8 +175,8 @@ def _standard_errors(fluxes: Sequence[Flux], run: NDArray[np.int64], grid: Grid)
     """Standard errors of the mean flux through every face, and how many independent blocks they rest on."""
     flux_r, flux_z = (np.array(component) for component in zip(*fluxes, strict=True))
     through = [flux_r * np.sqrt(grid.side_area), flux_z * np.sqrt(grid.ring_area)]
-    worth = effective_samples(np.concatenate([a.reshape(len(a), -1) for a in through], axis=1), run)
-    return (standard_error(flux_r, worth), standard_error(flux_z, worth)), min(worth, len(fluxes))
+    effective = effective_samples(np.concatenate([a.reshape(len(a), -1) for a in through], axis=1), run)
+    return (standard_error(flux_r, effective), standard_error(flux_z, effective)), min(effective, len(fluxes))
 
 
 def _scatter(fluxes: Sequence[Flux], run: NDArray[np.int64], se_z: Array, grid: Grid) -> float | None:

@@ -76,7 +76,7 @@ def blocks(segments: Sequence[Sums], least: int = LEAST_BLOCKS) -> list[Sums]:
 
 
 def standard_error(values: Array, effective: float | None = None) -> Array:
-    """Standard error of the mean of (n, …) values along the first axis, worth `effective` independent ones (or n)."""
+    """Standard error of the mean of (n, …) values along the first axis, from `effective` independent ones (or n)."""
     return np.asarray(values.std(axis=0) / np.sqrt((effective or len(values)) - 1))
 
 

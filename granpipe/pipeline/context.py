@@ -1,4 +1,4 @@
-"""What every stage of a run works with."""
+"""The settings and services that every stage of a run shares."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def _size_gate(bed: dict[str, Any]) -> Gate:
 
 
 def run_statistics(segments: Sequence[Sums], levels: Levels) -> dict[str, Any]:
-    """What the average is worth and what it hides: turnovers, trends, flow off the centre.
+    """Quality figures of the average: turnovers, trends, off-centre flow.
 
     Below one turnover a section still holds what it was filled with. Empty where there are too few segments for errors.
     """

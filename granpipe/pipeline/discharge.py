@@ -1,4 +1,4 @@
-"""Free discharge: the rate of the average with its standard error, beside what LIGGGHTS' own counter says."""
+"""Free discharge: the rate of the average with its standard error, beside LIGGGHTS' own count."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is measured on dumps that a user brings, and what of it is refused or marks the field."""
+"""Checks on the user's own dumps: what is refused, and what marks the field."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ LACK = Limit(
 DUMP_GATES = (OFF_AXIS, DIRECTION, TIME_RATIO, LACK)
 """Every gate of dumps that a user brings, in the order of the page; those of an average come on top."""
 
-_WINDOW = 3.0  # Sauter diameters over which packing is judged
+_WINDOW = 3.0  # Sauter diameters over which packing is averaged for the check
 _OFF = (0.05, 0.5)  # of the bed's half width, and Sauter diameters
 
 

@@ -1,4 +1,4 @@
-"""Writes what `granpipe homogenize` makes."""
+"""Writes the results of `granpipe homogenize`."""
 
 from __future__ import annotations
 

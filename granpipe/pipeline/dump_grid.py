@@ -1,4 +1,4 @@
-"""The grid on which dumps that a user brings are averaged: round the particles, in the plane asked for."""
+"""The grid on which the user's own dumps are averaged: it encloses the particles, in the chosen plane."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a first pass over dumps tells: how far the particles reach, how large they are, whether they can be followed."""
+"""The first pass over dumps: extent and size of the particles, and whether they can be tracked."""
 
 from __future__ import annotations
 

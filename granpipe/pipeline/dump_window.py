@@ -1,4 +1,4 @@
-"""The snapshots that a user brings and wants averaged, in the directions of the field: z up, the axis at x = y = 0."""
+"""The user's snapshots that are averaged, rotated and moved so that z is up and the axis is at x = y = 0."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Request:
 
 
 def window(request: Request) -> Iterator[tuple[float, Snapshot]]:
-    """Time [s] and content of the snapshots between start and stop, turned and moved to where the field is.
+    """Times [s] and particles of the snapshots between start and stop, turned and moved to where the field is.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`homogenize.fields`: what a case asks for beside the field, from what production sums to arrays in the field."""
+"""`homogenize.fields`: additional fields that a case requests, from the sums in production to arrays in the field."""
 
 from __future__ import annotations
 

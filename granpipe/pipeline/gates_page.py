@@ -1,4 +1,4 @@
-"""The page that tells users what granpipe refuses, marks and lets pass: made from the limits that the code goes by.
+"""The page that lists what granpipe refuses, marks and notes, generated from the limits in the code.
 
 ``docs/reference/gates.md`` is what `gates_page` returns: ``make docs`` writes it anew.
 """

@@ -1,4 +1,4 @@
-"""What a vessel is to the particles in it: walls, openings and scales of the flow, for the checks of a run's health."""
+"""Walls, openings and flow scales of a vessel, from which the health checks of a DEM run take their limits."""
 
 from __future__ import annotations
 

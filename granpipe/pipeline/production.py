@@ -1,7 +1,7 @@
-"""Production in segments: LIGGGHTS runs on from one to the next, watched, and whatever ends it, nothing done is lost.
+"""Production in segments: LIGGGHTS runs on from one to the next; finished segments survive any interruption.
 
 At each boundary the sums over the segment's snapshots, the restart file and their hashes appear together, by one
-rename, and the snapshots are gone: the disk never holds more than a few of them. Running again continues after the last
+rename, and the snapshots are deleted: the disk never holds more than a few. Running again continues after the last
 segment that is whole.
 """
 

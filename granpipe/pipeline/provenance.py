@@ -1,4 +1,4 @@
-"""``provenance.json`` of a results folder, as those read it who come after the run."""
+"""Reads ``provenance.json`` of a results folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The results folder of a case: everything that a user takes away. What the user puts there stays."""
+"""Writes the results folder of a case. Files that the user puts there are kept."""
 
 from __future__ import annotations
 

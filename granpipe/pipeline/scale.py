@@ -1,4 +1,4 @@
-"""`granpipe scale`: one solve serves every flow rate, as long as inertia does not show."""
+"""`granpipe scale`: one simulation scales to other flow rates as long as inertia is negligible."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""What soft particles do to the packing, and the average as it were with rigid ones.
+"""Overlap correction: packings of soft particles converted to those of rigid ones.
 
 Particles far softer than the material overlap under the bed's weight, so more of them fit into the vessel. A bed whose
 neighbouring centres lie closer by the mean relative overlap δ than those of touching spheres is denser by (1 − δ)⁻³,
 an affine compression (O'Hern, Silbert, Liu & Nagel 2003, Phys. Rev. E 68, 011306, for packings just above jamming).
-The volume that two spheres share, a lens, is of second order in δ, a thousandth and less: counting it once corrects
-next to nothing.
+The volume that two spheres share, a lens, is of second order in δ, a thousandth and less: counting it once would
+hardly correct anything.
 """
 
 from __future__ import annotations

@@ -101,7 +101,13 @@ def test_a_mesh_name_that_could_be_a_command_is_refused(tiny: Path) -> None:
 def test_only_fine_particles_need_a_limit_for_small_regions(tiny: Path) -> None:
     limited = re.compile(r"^region .*volume_limit", re.MULTILINE)
     assert not limited.search(render(deck_with(tiny), "fill.in"))
-    fine = deck_with(tiny, outline__unit="mm", material__size="{diameter: 0.1 mm}", dem__reservoir_height="0.5 mm")
+    fine = deck_with(
+        tiny,
+        flow_rate="0.02 kg/s",
+        outline__unit="mm",
+        material__size="{diameter: 0.1 mm}",
+        dem__reservoir_height="0.5 mm",
+    )
     text = render(fine, "fill.in")
     regions = re.findall(r"^region +(?:feed|fill\d+) .*$", text, re.MULTILINE)
     assert regions

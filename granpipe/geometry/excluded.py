@@ -1,6 +1,6 @@
-"""What keeps particles out: solids grown by a margin, and the shadow under each, all as trapezoids.
+"""Regions in which no particle is inserted: solids grown by a margin, and the unreachable space below each.
 
-A shadow narrows downwards at the angle that filling is asked to keep to under an edge.
+All are trapezoids. The unreachable space narrows downwards at the filling angle.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Line:
+class Side:
     """r(z) = r0 + slope (z − z0); r0 may be infinite."""
 
     r0: float
@@ -28,14 +28,14 @@ class Line:
     slope: float
 
     @classmethod
-    def through(cls, low: Sequence[float], high: Sequence[float]) -> Line:
+    def through(cls, low: Sequence[float], high: Sequence[float]) -> Side:
         """The line through two points (r, z)."""
         return cls(low[0], low[1], (high[0] - low[0]) / (high[1] - low[1]))
 
-    def moved(self, distance: float) -> tuple[Line, float]:
+    def moved(self, distance: float) -> tuple[Side, float]:
         """The line moved outwards by a distance perpendicular to itself, and how much each of its points rises."""
         steep = hypot(1.0, self.slope)
-        return Line(self.r0 + distance * steep, self.z0, self.slope), -distance * self.slope / steep
+        return Side(self.r0 + distance * steep, self.z0, self.slope), -distance * self.slope / steep
 
     def at(self, z: float) -> float:
         return self.r0 + self.slope * (z - self.z0)
@@ -45,13 +45,13 @@ class Line:
 class _Flank:
     """One side of a slab of an obstacle, and the margin beside it: the rectangle between itself and itself moved."""
 
-    line: Line
+    line: Side
     z0: float
     z1: float
     distance: float
 
     @property
-    def grown(self) -> Line:
+    def grown(self) -> Side:
         return self.line.moved(self.distance)[0]
 
     @property
@@ -62,73 +62,73 @@ class _Flank:
         """Radius of the moved side, which ends where the side ends."""
         return self.grown.at(min(max(z, self.z0 + self.rise), self.z1 + self.rise))
 
-    def margin(self) -> Iterator[tuple[tuple[float, float], Line, Line]]:
+    def margin(self) -> Iterator[tuple[tuple[float, float], Side, Side]]:
         """Height ranges of the rectangle, each with its bound on the solid's side and the moved side.
 
         Beyond the side's own heights it starts at the side's end. The corner that is missing lies in the corner's cap.
         """
         low, high = self.z0 + self.rise, self.z1 + self.rise
         yield (max(low, self.z0), min(high, self.z1)), self.line, self.grown
-        yield (low, min(self.z0, high)), Line(self.line.at(self.z0), 0.0, 0.0), self.grown
-        yield (max(self.z1, low), high), Line(self.line.at(self.z1), 0.0, 0.0), self.grown
+        yield (low, min(self.z0, high)), Side(self.line.at(self.z0), 0.0, 0.0), self.grown
+        yield (max(self.z1, low), high), Side(self.line.at(self.z1), 0.0, 0.0), self.grown
 
 
 @dataclass(frozen=True)
-class Blocked:
-    """No place for a particle: left(z) < r < right(z) for z_low < z < z_high."""
+class ExcludedRegion:
+    """The region left(z) < r < right(z), z_low < z < z_high."""
 
     z_low: float
     z_high: float
-    left: Line
-    right: Line
+    left: Side
+    right: Side
 
 
-_FAR_LEFT, _FAR_RIGHT = Line(-inf, 0.0, 0.0), Line(inf, 0.0, 0.0)
+_FAR_LEFT, _FAR_RIGHT = Side(-inf, 0.0, 0.0), Side(inf, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Room:
-    """What a particle's centre needs: distance to solids [m]; reach outwards per depth under an edge; outer radius."""
+class Clearance:
+    """Distance of a particle's centre to solids [m]; its horizontal reach per depth below an edge; outer radius [m]."""
 
     margin: float
     spread: float
     r_max: float
 
-    def shadow(self, z: float, left: float, right: float) -> Blocked:
-        """What cannot be reached below a solid whose underside spans left < r < right at z."""
+    def unreachable(self, z: float, left: float, right: float) -> ExcludedRegion:
+        """The space below a solid whose underside spans left < r < right at z."""
         inwards = self.spread if left > -inf else 0.0
         outwards = self.spread if right < inf else 0.0
         closing = inwards + outwards
         span = min(right, self.r_max) - max(left, 0.0) if closing != 2 * self.spread else right - left
         depth = max(span, 0.0) / closing if closing else inf
-        return Blocked(z - depth, z, Line(left, z, -inwards), Line(right, z, outwards))
+        return ExcludedRegion(z - depth, z, Side(left, z, -inwards), Side(right, z, outwards))
 
-    def cap(self, z: float, left: float, right: float) -> Iterator[Blocked]:
-        """The margin above and below a level at which a solid has corners, and the shadow under it."""
+    def cap(self, z: float, left: float, right: float) -> Iterator[ExcludedRegion]:
+        """The margin above and below a level at which a solid has corners, and the unreachable space below it."""
         grown = left - self.margin, right + self.margin
-        yield Blocked(z - self.margin, z + self.margin, Line(grown[0], 0.0, 0.0), Line(grown[1], 0.0, 0.0))
-        yield self.shadow(z - self.margin, *grown)
+        yield ExcludedRegion(z - self.margin, z + self.margin, Side(grown[0], 0.0, 0.0), Side(grown[1], 0.0, 0.0))
+        yield self.unreachable(z - self.margin, *grown)
 
 
-def blocked_space(outline: Outline, top: float, bottom: float, room: Room) -> list[Blocked]:
-    """All trapezoids that no particle's centre can be in, for the vessel from `top` down to `bottom` [m]."""
-    return [*_wall(outline, top, bottom, room), *_obstacles(outline, room)]
+def excluded_regions(outline: Outline, top: float, bottom: float, clearance: Clearance) -> list[ExcludedRegion]:
+    """All regions in which no particle's centre can be, for the vessel from `top` down to `bottom` [m]."""
+    return [*_wall(outline, top, bottom, clearance), *_obstacles(outline, clearance)]
 
 
-def _wall(outline: Outline, top: float, bottom: float, room: Room) -> Iterator[Blocked]:
-    """The wall moved inwards, the margin about its corners, and their shadows."""
+def _wall(outline: Outline, top: float, bottom: float, clearance: Clearance) -> Iterator[ExcludedRegion]:
+    """The wall moved inwards, the margin about its corners, and the unreachable space below them."""
     corners = outline.wall.tolist()
     for high, low in pairwise([[outline.inlet_radius, top], *corners, [outline.outlet_radius, bottom]]):
         if high[1] > low[1]:
-            edge, rise = Line.through(low, high).moved(-room.margin)
-            yield Blocked(low[1] + rise, high[1] + rise, edge, _FAR_RIGHT)
-            yield from (room.shadow(z + rise, edge.at(z + rise), inf) for z in (high[1], low[1]))
+            edge, rise = Side.through(low, high).moved(-clearance.margin)
+            yield ExcludedRegion(low[1] + rise, high[1] + rise, edge, _FAR_RIGHT)
+            yield from (clearance.unreachable(z + rise, edge.at(z + rise), inf) for z in (high[1], low[1]))
     for r, z in corners:
-        yield from room.cap(z, r, inf)
+        yield from clearance.cap(z, r, inf)
 
 
-def _obstacles(outline: Outline, room: Room) -> Iterator[Blocked]:
-    """Every obstacle in slabs between its corners, grown by the margin, and their shadows.
+def _obstacles(outline: Outline, clearance: Clearance) -> Iterator[ExcludedRegion]:
+    """Every obstacle in slabs between its corners, grown by the margin, and the unreachable space below them.
 
     Under an obstacle that stands on the axis or on the wall, nothing falls between itself and that.
     """
@@ -137,18 +137,18 @@ def _obstacles(outline: Outline, room: Room) -> Iterator[Blocked]:
         right0, right1 = right[0][0], right[1][0]
         at_axis = max(left0, left1) <= outline.tolerance
         at_wall = 0.5 * (right0 + right1) >= outline.wall_radius(0.5 * (z0 + z1)) - outline.tolerance
-        near = _Flank(_FAR_LEFT if at_axis else Line.through(*left), z0, z1, -room.margin)
-        far = _Flank(_FAR_RIGHT if at_wall else Line.through(*right), z0, z1, room.margin)
-        yield Blocked(z0, z1, near.line, far.line)
-        yield from (Blocked(*heights, grown, own) for heights, own, grown in near.margin())
-        yield from (Blocked(*heights, own, grown) for heights, own, grown in far.margin())
-        yield from room.cap(z1, -inf if at_axis else left1, inf if at_wall else right1)
+        near = _Flank(_FAR_LEFT if at_axis else Side.through(*left), z0, z1, -clearance.margin)
+        far = _Flank(_FAR_RIGHT if at_wall else Side.through(*right), z0, z1, clearance.margin)
+        yield ExcludedRegion(z0, z1, near.line, far.line)
+        yield from (ExcludedRegion(*heights, grown, own) for heights, own, grown in near.margin())
+        yield from (ExcludedRegion(*heights, own, grown) for heights, own, grown in far.margin())
+        yield from clearance.cap(z1, -inf if at_axis else left1, inf if at_wall else right1)
         on_axis, on_wall = outline.groups.joined(name, AXIS), outline.groups.joined(name, WALL)
-        yield from room.cap(z0, -inf if on_axis else left0, inf if on_wall else right0)
+        yield from clearance.cap(z0, -inf if on_axis else left0, inf if on_wall else right0)
         for z in (z1 + near.rise, z1 + far.rise):
-            yield room.shadow(z, near.grown_at(z), far.grown_at(z))
+            yield clearance.unreachable(z, near.grown_at(z), far.grown_at(z))
         for z in (z0 + near.rise, z0 + far.rise):
-            yield room.shadow(z, -inf if on_axis else near.grown_at(z), inf if on_wall else far.grown_at(z))
+            yield clearance.unreachable(z, -inf if on_axis else near.grown_at(z), inf if on_wall else far.grown_at(z))
 
 
 _Side = tuple[list[float], list[float]]
