@@ -31,7 +31,7 @@ figures: []
 def figures(folder: Path, modulus: str) -> dict[str, Any]:
     """The measured figures of the shaft with particles of this Young's modulus."""
     (folder / "shaft.yaml").write_text(SHAFT)
-    changes = {"contact.youngs_modulus": modulus, "name": f"shaft-{modulus}"}
+    changes = {"contact.youngs_modulus": modulus}
     outcome, _ = run(read_case(folder / "shaft.yaml", changes), folder / "results")
     data: dict[str, Any] = json.loads((outcome.folder / "provenance.json").read_text())
     return data["figures"]
