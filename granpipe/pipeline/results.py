@@ -74,22 +74,28 @@ def check_folder(folder: Path, file: CaseFile) -> None:
 
 
 def case_origin(file: CaseFile) -> dict[str, str]:
-    """What tells a case from another one of the same name: where its file is, and its outline."""
-    outline = file.case.outline.model_dump(mode="json")
-    return {"file": str(file.path.resolve()) if file.path else "", "outline": key_of("outline", 1, outline)}
+    """What tells a case from another one of the same name: where its file is, its outline, and all of it."""
+    case = file.case.model_dump(mode="json")
+    return {
+        "file": str(file.path.resolve()) if file.path else "",
+        "outline": key_of("outline", 1, case["outline"]),
+        "case": key_of("case", 1, case),
+    }
 
 
 def _other_case(folder: Path, file: CaseFile) -> str | None:
     """The file of the other case whose results are in a folder; None where they are of this one.
 
-    A case whose keys are changed goes on, and so does one whose file was moved, unless its outline changed as well.
+    A case whose keys are changed goes on, and so does one whose file was copied, or moved while its outline stays.
     """
     try:
         there = read_json(folder / "provenance.json")["origin"]
-        path, outline = str(there["file"]), there["outline"]
+        path, outline, case = str(there["file"]), there["outline"], there["case"]
     except (DataError, KeyError, TypeError):
         return None
     ours = case_origin(file)
+    if case == ours["case"]:
+        return None
     elsewhere = ours["file"] and Path(path).is_file()
     if path == ours["file"] != "" or (outline == ours["outline"] and not elsewhere):
         return None

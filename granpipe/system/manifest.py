@@ -39,6 +39,8 @@ def read_manifest(folder: Path) -> dict[str, str]:
             case {"files": dict(files), "sha256": str(seal)} if seal == _seal(files):
                 return files
     except FileNotFoundError:
+        if not folder.is_dir():
+            raise DataError(f"{folder}: no such folder; pass the results folder of a completed run") from None
         raise DataError(f"{folder}: not a folder that granpipe wrote: it has no {MANIFEST}") from None
     except (OSError, ValueError, TypeError, RecursionError):
         pass

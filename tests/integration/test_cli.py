@@ -100,7 +100,7 @@ def test_a_results_folder_that_cannot_be_made_is_one_sentence(tiny: Path) -> Non
     [
         (("homogenize", "none.dump", "--cell", "1cm", "--time-step", "1", "--out", "x"), "none.dump: no such file"),
         (("homogenize", ".", "--cell", "1cm", "--time-step", "1", "--out", "x"), "a folder; give the files"),
-        (("compare", "none", "none"), "none/field.npz: there is none; give the results folder"),
+        (("compare", "none", "none"), "none: no such folder; pass the results folder of a completed run"),
         (("scale", "none", "--flow", "1 kg/h", "--out", "x"), "none is not a results folder"),
         (("study", "tiny.yaml", "--hours", "nan"), "must be above 0"),
         (("run", "tiny.yaml", "--total-error", "0"), "must be above 0"),
@@ -163,14 +163,16 @@ def test_the_hopper_runs_without_dem_and_without_pyvista(tmp_path: Path) -> None
     assert not list((tmp_path / "results").glob(".store/produce-*"))
 
 
-def test_raw_homogenization_of_dumps_needs_no_case(tmp_path: Path) -> None:
-    rows = [(1, 1, 0.0, 0.0, 0.05, 0, 0, -0.1, 0.01), (2, 1, 0.03, 0.0, 0.02, 0, 0, -0.1, 0.01)]
+def test_dumps_need_no_case_and_two_lone_spheres_are_marked_as_no_bed(tmp_path: Path) -> None:
     for step in (0, 100):
+        fallen = 0.1 * step * 1e-4
+        rows = [(1, 1, 0.0, 0.0, 0.05 - fallen, 0, 0, -0.1, 0.01), (2, 1, 0.03, 0.0, 0.02 - fallen, 0, 0, -0.1, 0.01)]
         body = b"".join(struct.pack("<9d", *row) for row in rows)
         header = struct.pack("<qqi6i6dii", step, len(rows), 0, *[1] * 6, *[0.0, 1.0] * 3, 9, 1)
         (tmp_path / f"d.{step}.bin").write_bytes(header + struct.pack("<i", 9 * len(rows)) + body)
     arguments = ["d.0.bin", "d.100.bin", "--cell", "5 mm", "--time-step", "1e-4", "--out", "field"]
     done = granpipe("homogenize", *arguments, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 4, done.stderr
+    assert "quality gate failed: reference packing" in done.stderr
     assert (tmp_path / "field" / "field.npz").is_file()
     assert granpipe("homogenize", *arguments, cwd=tmp_path).returncode == 3  # the folder exists

@@ -66,10 +66,10 @@ def test_a_hostile_case_only_fails(tiny: Path, name: str) -> None:
 
 def test_a_case_of_a_gigabyte_is_not_read(tiny: Path) -> None:
     os.truncate(tiny, 10**9)
-    assert "larger than 1000 kB" in refused(tiny.parent)
+    assert "larger than 1 MB" in refused(tiny.parent)
 
 
 def test_a_case_that_never_ends_is_not_read(tiny: Path) -> None:
     tiny.unlink()
     tiny.symlink_to("/dev/zero")
-    assert "larger than 1000 kB" in refused(tiny.parent)
+    assert "a device, not a regular file" in refused(tiny.parent)
