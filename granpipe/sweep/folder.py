@@ -10,44 +10,27 @@ This module is about that folder alone: it imports little, so that one may often
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
-import json
-import os
-import socket
-import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from granpipe import __version__
-from granpipe.errors import CaseError, DataError, RunError
+from granpipe.errors import CaseError, DataError
 from granpipe.sweep.content import Content
 from granpipe.sweep.state import State
 from granpipe.sweep.variants import Variant
+from granpipe.system.locks import Owner, holder, locked
 from granpipe.system.manifest import is_whole
 from granpipe.system.store import key_of
 from granpipe.system.versions import library_versions
 
 _VERSION = 1
 
-_MOST_OWNER = 1000  # characters
-
 _PATIENCE = 2.0
 """How long a lock is tried for [s]: `granpipe sweep status` may look at it for a moment."""
-
-
-@dataclass(frozen=True)
-class Owner:
-    """The process that runs the points, or submits them; nothing where it has not said so yet."""
-
-    host: str = ""
-    pid: int = 0
-
-    def __str__(self) -> str:
-        return f"process {self.pid} on {self.host}" if self.pid else "another process"
 
 
 @dataclass(frozen=True)
@@ -115,62 +98,27 @@ class Folder:
 
         RunError where another process holds it: nothing is written then.
         """
-        self.root.mkdir(parents=True, exist_ok=True)
-        with self._lock.open("a+") as file:
-            self._take(file)
-            file.truncate(0)
-            file.write(json.dumps(asdict(Owner(socket.gethostname(), os.getpid()))))
-            file.flush()
+
+        def busy(owner: Owner) -> str:
+            return (
+                f"{owner} is running {self.root} already, and nothing was changed; wait for it, or end it with "
+                f"`granpipe sweep cancel {self.root}`"
+            )
+
+        with locked(self._lock, busy, patience=_PATIENCE):
             for path in (self.root / "state", self.points):
                 path.mkdir(exist_ok=True)
             if self.new is not None:
                 self.new.write(self.root)
-            try:
-                yield
-            finally:
-                file.truncate(0)
+            yield
 
     def owner(self) -> Owner | None:
         """The process that runs the points, or submits them; None where there is none."""
-        try:
-            file = self._lock.open()
-        except FileNotFoundError:
-            return None
-        with file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return _owner(file)
-        return None
+        return holder(self._lock)
 
     @property
     def _lock(self) -> Path:
         return self.root / f".sweep-{self.name}.lock"
-
-    def _take(self, file: IO[str]) -> None:
-        """Lock the file; the lock is the kernel's: it falls with its process, however that ends."""
-        end = time.monotonic() + _PATIENCE
-        while True:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                if time.monotonic() > end:
-                    raise RunError(
-                        f"{_owner(file)} is running {self.root} already, and nothing was changed; wait for it, or end "
-                        f"it with `granpipe sweep cancel {self.root}`"
-                    ) from None
-                time.sleep(0.02)
-            else:
-                return
-
-
-def _owner(file: IO[str]) -> Owner:
-    file.seek(0)
-    with contextlib.suppress(ValueError):
-        match json.loads(file.read(_MOST_OWNER)):
-            case {"host": str(host), "pid": int(pid)} if 0 < pid < 2**31:
-                return Owner(host, pid)
-    return Owner()
 
 
 def find_folder(path: Path, results: Path) -> Folder:

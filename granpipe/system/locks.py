@@ -23,6 +23,7 @@ from granpipe.system.files import explained
 
 _UNSUPPORTED = {errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL}
 _POLL = 0.02  # s
+_MOST_OWNER = 1000  # characters
 
 
 @dataclass(frozen=True)
@@ -130,9 +131,9 @@ def _try_lock(path: Path, mode: int) -> IO[str] | None:
 
 
 def _owner(path: Path) -> Owner:
-    with contextlib.suppress(OSError, ValueError, RecursionError):
-        match json.loads(path.read_text()):
-            case {"host": str(host), "pid": int(pid)} if pid > 0:
+    with contextlib.suppress(OSError, ValueError, RecursionError), path.open() as file:
+        match json.loads(file.read(_MOST_OWNER)):
+            case {"host": str(host), "pid": int(pid)} if 0 < pid < 2**31:
                 return Owner(host, pid)
     return Owner()
 
