@@ -86,7 +86,7 @@ def main() -> None:
     page, head = PAGES[stored["case"]["name"]]
     docs = ROOT / "docs" / "validation"
     charts = []
-    for chart, title in (("error_time", "Error against time"), ("levers", "What each change costs and does")):
+    for chart, title in (("error_time", "Error against time"), ("effects", "What each change costs and does")):
         shutil.copyfile(options.study / f"{chart}.png", docs / "images" / f"{page}_{chart}.png")
         charts.append(f"![{title}](images/{page}_{chart}.png)")
     report = (options.study / "report.md").read_text().replace("\n## ", "\n### ")

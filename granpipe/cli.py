@@ -150,11 +150,11 @@ def run(case: Path, overrides: Mapping[str, str], results: Path, total_error: fl
     An unchanged case is not run again; a changed one repeats only the stages that depend on the change.
     """
     from granpipe.pipeline.run import run_case
-    from granpipe.study.choice import choose
+    from granpipe.study.recommend import recommend
 
     file, chosen = _read(case, overrides), None
     if total_error is not None:
-        chosen = choose(file, results, total_error)
+        chosen = recommend(file, results, total_error)
         file = chosen.file
         click.echo(chosen.expected)
     with Console() as console:
@@ -430,7 +430,7 @@ def study(
     repeated. On a cluster, run the command again when the jobs have ended: it then writes the report.
     """
     from granpipe.pipeline.run import plan_case
-    from granpipe.study.ladder import read_axes
+    from granpipe.study.axes import read_axes
     from granpipe.study.points import make_study
     from granpipe.study.run import prepare_study, report_study
     from granpipe.sweep.status import marked

@@ -26,7 +26,7 @@ def percent(value: float) -> str:
 
 
 @dataclass(frozen=True)
-class Part:
+class ErrorBound:
     """One part of an error, noise taken off, and its 95 % upper bound."""
 
     value: Size
@@ -67,7 +67,7 @@ class Option:
     cores: PositiveInt
     statistical: Mapping[str, Size]
     blocks: Annotated[float, Field(gt=1)]
-    systematic: Mapping[str, Part]
+    systematic: Mapping[str, ErrorBound]
     changes: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -75,13 +75,13 @@ class Option:
         """Time of one core that it takes."""
         return self.seconds * self.cores
 
-    def error(self, section: str = "whole") -> Part:
+    def error(self, section: str = "whole") -> ErrorBound:
         """Total error: both parts are independent, so their squares add.
 
         A standard error from n blocks is itself known only so well: (n − 1) s²/σ² is χ² of n − 1.
         """
         noise, rest = self.statistical[section], self.systematic[section]
-        return Part(hypot(noise, rest.value), hypot(noise * sure_factor(self.blocks), rest.upper))
+        return ErrorBound(hypot(noise, rest.value), hypot(noise * sure_factor(self.blocks), rest.upper))
 
 
 def sure_factor(blocks: float) -> float:

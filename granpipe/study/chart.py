@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from granpipe.study.budget import TOLERANCES, Option, Part, pareto, percent
+from granpipe.study.budget import TOLERANCES, ErrorBound, Option, pareto, percent
 from granpipe.system.surroundings import own_style
 
 
@@ -58,18 +58,18 @@ def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
 
 
 @own_style({})
-def draw_levers(levers: Sequence[tuple[str, float, Part]], path: Path) -> None:
+def draw_effects(effects: Sequence[tuple[str, float, ErrorBound]], path: Path) -> None:
     """What each change of the case costs or saves, and what it changes.
 
     Parameters
     ----------
-    levers : name, time over that of the case, difference of the field from the case's
+    effects : name, time over that of the case, difference of the field from the case's
     """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     axes: Any = figure.subplots()
-    for number, (name, times, part) in enumerate(levers):
+    for number, (name, times, part) in enumerate(effects):
         height = part.value if part.resolved else part.upper
         axes.errorbar(
             [times],

@@ -55,7 +55,7 @@ METHODS = (PSI, Method("psi", 2), Method("psi", 4), Method("gaussian"), Method("
 
 
 @dataclass(frozen=True)
-class Ran:
+class FinishedRun:
     """A point that has particles, run.
 
     Parameters
@@ -230,7 +230,7 @@ def _repeated(values: NDArray[Any], times: int, shape: tuple[int, ...]) -> NDArr
     return np.asarray(values[np.ix_(rows.clip(max=len(values) - 1), columns.clip(max=values.shape[1] - 1))])
 
 
-def methods_of(ran: Ran) -> Iterator[Method]:
+def methods_of(finished: FinishedRun) -> Iterator[Method]:
     """Methods that this point's cells allow."""
-    rows = ran.plan.grid.shape[0]
+    rows = finished.plan.grid.shape[0]
     return (method for method in METHODS if rows % method.joined == 0)

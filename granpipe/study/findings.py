@@ -24,8 +24,8 @@ from granpipe.pipeline.provenance import Provenance
 from granpipe.pipeline.run import plan_case
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
-from granpipe.study.budget import Option, Part, Size
-from granpipe.study.fields import PSI, Method, Ran, field_of, methods_of
+from granpipe.study.budget import ErrorBound, Option, Size
+from granpipe.study.fields import PSI, FinishedRun, Method, field_of, methods_of
 from granpipe.study.limit import Slope, fit_slope
 from granpipe.study.scene import Scene
 from granpipe.sweep.folder import Folder
@@ -35,7 +35,7 @@ from granpipe.system.manifest import verify
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 
-Parts = dict[str, Part]
+ErrorBounds = dict[str, ErrorBound]
 """Section, or the whole → part of an error."""
 
 _SETTING: dict[str, Callable[[Plan], float]] = {
@@ -48,16 +48,16 @@ _SETTING: dict[str, Callable[[Plan], float]] = {
 
 
 @dataclass(frozen=True)
-class Point:
+class StudyPoint:
     """A finished point of a study.
 
     Parameters
     ----------
-    name, axis, changes : of the ladder
+    name, axis, changes : of its variant
     plan : its plan
     field : its best field: ψ fit, whole average
-    ran : its segments; None where the point is no DEM run of the whole vessel
-    seconds : time of its stages, as `Ran.clocks` has it
+    finished : its segments; None where the point is no DEM run of the whole vessel
+    seconds : time of its stages, as `FinishedRun.clocks` has it
     cores : that they kept busy
     forecast : of the wall time, by its plan, or None
     """
@@ -67,7 +67,7 @@ class Point:
     changes: Mapping[str, str]
     plan: Plan
     field: Field
-    ran: Ran | None
+    finished: FinishedRun | None
     seconds: float
     cores: int
     forecast: float | None
@@ -84,8 +84,8 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Lever:
-    """What one point of the ladder changes: error against the reference, and difference from the case as it stands.
+class Effect:
+    """What one variant changes: error against the reference, and difference from the case as it stands.
 
     Parameters
     ----------
@@ -105,15 +105,15 @@ class Lever:
     cores: int
     forecast: float | None
     statistical: Mapping[str, float]
-    systematic: Parts
-    from_base: Parts
-    parts: Mapping[str, Parts]
-    predicted: Parts | None
+    systematic: ErrorBounds
+    from_base: ErrorBounds
+    parts: Mapping[str, ErrorBounds]
+    predicted: ErrorBounds | None
     measures: Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class Ladder:
+class AxisFit:
     """How the field changes along an axis: of which order in its setting, and how well that describes the points."""
 
     axis: str
@@ -128,24 +128,24 @@ class Findings:
 
     reference: str
     options: tuple[Option, ...]
-    levers: tuple[Lever, ...]
-    ladders: tuple[Ladder, ...]
+    effects: tuple[Effect, ...]
+    axis_fits: tuple[AxisFit, ...]
     spread: Mapping[str, float]
     rate: float | None
 
 
 @dataclass(frozen=True)
 class Notes:
-    """What ``ladder.json`` tells of the points, by name: their axes, and how long they were expected to take [s]."""
+    """What ``axes.json`` tells of the points, by name: their axes, and how long they were expected to take [s]."""
 
     axes: dict[str, str]
     forecast_seconds: dict[str, Size]
 
 
-def load_points(folder: Folder, progress: Progress) -> list[Point]:
+def load_points(folder: Folder, progress: Progress) -> list[StudyPoint]:
     """Every finished point, with its segments; nothing is run."""
     store = Store(folder.root.parent / ".store")
-    notes = read_json(folder.root / "ladder.json", Notes, "run the study again")
+    notes = read_json(folder.root / "axes.json", Notes, "run the study again")
     tools = library_versions()
     done = [name for name in folder.variants if folder.is_done(name)]
     found = []
@@ -158,73 +158,73 @@ def load_points(folder: Folder, progress: Progress) -> list[Point]:
 
 def _point(
     folder: Folder, name: str, axis: str, forecast: float | None, store: Store, tools: Mapping[str, str]
-) -> Point:
+) -> StudyPoint:
     file = point_case(folder, name, ranks=1)
     plan, results = plan_case(file, cores=1), folder.points / name
     verify(results, "field.npz", "provenance.json")
     field = Field.load(results / "field.npz")
-    runs = [_ran(part, store, tools) for part in plan.runs]
-    ran = runs[0] if plan.settings is not None else None
+    runs = [_finished_run(part, store, tools) for part in plan.runs]
+    finished = runs[0] if plan.settings is not None else None
     cores = max((one.cores for one in runs), default=1)
     seconds = sum(one.seconds(np.inf) for one in runs)
-    if ran is None:  # what is not DEM counts as well
+    if finished is None:  # what is not DEM counts as well
         wall = Provenance.read(results).wall_seconds
         waited = sum(one.wall_seconds for one in runs)
         seconds += wall - waited if wall > waited else wall  # the DEM may have been done before
-    return Point(name, axis, folder.variants[name].changes, plan, field, ran, seconds, cores, forecast)
+    return StudyPoint(name, axis, folder.variants[name].changes, plan, field, finished, seconds, cores, forecast)
 
 
-def _ran(plan: Plan, store: Store, tools: Mapping[str, str]) -> Ran:
+def _finished_run(plan: Plan, store: Store, tools: Mapping[str, str]) -> FinishedRun:
     """What the store has of a DEM run that is done."""
     versions = {**tools, **program_versions(store.root / "programs.json")}
-    return Ran(plan, finished_productions(plan, store, versions))
+    return FinishedRun(plan, finished_productions(plan, store, versions))
 
 
-class Study:
+class Comparison:
     """Points that are done, compared."""
 
-    def __init__(self, case: Case, points: Sequence[Point]) -> None:
+    def __init__(self, case: Case, points: Sequence[StudyPoint]) -> None:
         self.case, self.points = case, points
         self.levels = case.outline.levels
-        particles = [point for point in points if point.ran and point.field.flux_z_se is not None]
+        particles = [point for point in points if point.finished and point.field.flux_z_se is not None]
         if not particles:
             raise DataError(
                 "no DEM run of the study has an error bar: give more --hours, or average longer (dem.max_time)"
             )
-        self.reference = min(particles, key=_goodness)
+        self.reference = min(particles, key=_accuracy_order)
         self.base = points[0]
 
     def findings(self, progress: Progress) -> Findings:
         """Everything, computed."""
         scene = Scene(self.case)
         best = scene.measures(self.reference.field)
-        levers, options = [], list[Option]()
+        effects, options = [], list[Option]()
         for number, point in enumerate(self.points):
             progress.update(number / len(self.points), point.name)
             measures = dict(scene.measures(point.field).against(best)) if point is not self.reference else {}
-            levers.append(self.lever(point, measures))
+            effects.append(self.effect(point, measures))
             options += self._options(point)
-        rates = [p.plan.particle_steps / p.seconds for p in self.points if p.ran and p.cores == 1]
+        rates = [p.plan.particle_steps / p.seconds for p in self.points if p.finished and p.cores == 1]
         return Findings(
             reference=self.reference.name,
             options=tuple(options),
-            levers=tuple(levers),
-            ladders=tuple(trend.ladder for trend in self.trends.values()),
+            effects=tuple(effects),
+            axis_fits=tuple(trend.fit for trend in self.trends.values()),
             spread=self._spread(scene),
             rate=float(np.median(rates)) if rates else None,
         )
 
-    def lever(self, point: Point, measures: Mapping[str, float]) -> Lever:
+    def effect(self, point: StudyPoint, measures: Mapping[str, float]) -> Effect:
         """What one point changes, and what its error is made of."""
-        return Lever(
+        return Effect(
             point=point.name,
             axis=point.axis,
             seconds=point.seconds,
             cores=point.cores,
             forecast=point.forecast,
             statistical=self._statistical(point),
-            systematic=self._apart(self.reference, point.field, point),
-            from_base=self._apart(self.base, point.field, point),
+            systematic=self._difference(self.reference, point.field, point),
+            from_base=self._difference(self.base, point.field, point),
             parts={axis: self._part(trend, point) for axis, trend in self.trends.items() if point.setting},
             predicted=self._predicted(point) if point.setting and self.trends else None,
             measures=measures,
@@ -234,24 +234,24 @@ class Study:
     def _sections(self) -> list[str]:
         return ["whole", *self.levels]
 
-    def _statistical(self, point: Point) -> dict[str, float]:
+    def _statistical(self, point: StudyPoint) -> dict[str, float]:
         """Of the point's field; none where nothing is noisy."""
         if point.field.flux_r_se is None:
             return dict.fromkeys(self._sections, 0.0)
         return statistical_errors(point.field, self.levels)
 
-    def _apart(self, one: Point, field: Field, other: Point) -> Parts:
+    def _difference(self, one: StudyPoint, field: Field, other: StudyPoint) -> ErrorBounds:
         """Difference of a field of a point from the best field of another, noise taken off.
 
         There is none from itself, nor from more or less of the same runs, whose noise would not be independent.
         """
         if _runs(one) == _runs(other):
-            return dict.fromkeys(self._sections, Part(0.0, 0.0))
+            return dict.fromkeys(self._sections, ErrorBound(0.0, 0.0))
         found = compare(one.field, field, self.levels, max(one.diameter, other.diameter))
         return {difference.name: _part(difference) for difference in found}
 
-    def _options(self, point: Point) -> Iterator[Option]:
-        if point.ran is None:
+    def _options(self, point: StudyPoint) -> Iterator[Option]:
+        if point.finished is None:
             yield Option(
                 point=point.name,
                 method=point.plan.model,
@@ -260,63 +260,67 @@ class Study:
                 cores=point.cores,
                 statistical=self._statistical(point),
                 blocks=np.inf,
-                systematic=self._apart(self.reference, point.field, point),
+                systematic=self._difference(self.reference, point.field, point),
                 changes=dict(point.changes),
             )
             return
-        for method in methods_of(point.ran) if point is self.base else [PSI]:
+        for method in methods_of(point.finished) if point is self.base else [PSI]:
             if method == PSI or point is not self.reference:
-                yield from self._lengths(point, point.ran, method)
+                yield from self._lengths(point, point.finished, method)
 
-    def _lengths(self, point: Point, ran: Ran, method: Method) -> Iterator[Option]:
+    def _lengths(self, point: StudyPoint, finished: FinishedRun, method: Method) -> Iterator[Option]:
         """A method on averages of every length; those that are too short for it are left out."""
-        systematic: Parts | None = None
-        for end in ran.ends:
+        systematic: ErrorBounds | None = None
+        for end in finished.ends:
             try:
-                average = field_of(ran.plan, ran.until(end), method)
+                average = field_of(finished.plan, finished.until(end), method)
             except DataError:
                 continue
             if systematic is None:
-                systematic = self._apart(self.reference, average.field, point)
+                systematic = self._difference(self.reference, average.field, point)
             yield Option(
                 point=point.name,
                 method=str(method),
-                travel=self._travel(ran, end),
-                seconds=ran.seconds(end),
-                cores=ran.cores,
+                travel=self._travel(finished, end),
+                seconds=finished.seconds(end),
+                cores=finished.cores,
                 statistical=average.errors(self.case),
                 blocks=average.blocks,
                 systematic=systematic,
-                changes=dict(point.changes) | {"dem.max_time": f"{end:.4g}"} | method.changes(ran.plan.grid.cell),
+                changes=dict(point.changes) | {"dem.max_time": f"{end:.4g}"} | method.changes(finished.plan.grid.cell),
             )
 
-    def _travel(self, ran: Ran, end: float) -> float:
-        averaged = sum(sums.duration for sums in ran.until(end))
-        outline, speed = ran.plan.outline, ran.plan.dem.inlet_speed  # at the outlet by continuity, open or not
+    def _travel(self, finished: FinishedRun, end: float) -> float:
+        averaged = sum(sums.duration for sums in finished.until(end))
+        outline, speed = (
+            finished.plan.outline,
+            finished.plan.dem.inlet_speed,
+        )  # at the outlet by continuity
         return averaged * speed * outline.inlet_radius**2 / (2 * outline.outlet_radius**3)
 
     def _spread(self, scene: Scene) -> dict[str, float]:
-        """How far the measures of the reference's halves lie apart: what differences of them are worth."""
-        ran = self.reference.ran
-        assert ran is not None
-        parts = ran.until(np.inf)
+        """Differences of the measures between halves of the reference: their uncertainty."""
+        finished = self.reference.finished
+        assert finished is not None
+        parts = finished.until(np.inf)
         half = len(parts) // 2
-        if ran.plan.case.dem.replicas > 1 or half < LEAST_BLOCKS:
+        halves = parts[:half], parts[half:]
+        if finished.plan.case.dem.replicas > 1 or half < LEAST_BLOCKS:
             return {}
         try:
-            first, second = (scene.measures(field_of(ran.plan, some).field) for some in (parts[:half], parts[half:]))
+            first, second = (scene.measures(field_of(finished.plan, some).field) for some in halves)
         except DataError:
             return {}  # a half is too short for a field
         return dict(first.against(second))
 
     @cached_property
-    def trends(self) -> dict[str, Trend]:
+    def trends(self) -> dict[str, AxisTrend]:
         """Axis → how the field changes along it, where two points or more tell."""
         found = {}
         for axis in _SETTING:
             along = [point for point in self.points if point.axis in ("", axis) and point.setting]
             if len({point.setting[axis] for point in along}) > 1:
-                found[axis] = Trend.of(axis, along, self._limit(axis))
+                found[axis] = AxisTrend.of(axis, along, self._limit(axis))
         return found
 
     def _limit(self, axis: str) -> float:
@@ -325,11 +329,11 @@ class Study:
             return 0.0
         return self.base.diameter / self.case.dem.coarse_grain_factor
 
-    def _part(self, trend: Trend, point: Point) -> Parts:
-        change = trend.change(point.setting[trend.ladder.axis], trend.limit)
+    def _part(self, trend: AxisTrend, point: StudyPoint) -> ErrorBounds:
+        change = trend.change(point.setting[trend.fit.axis], trend.limit)
         return self._norms(*change, trend.weight, point)
 
-    def _predicted(self, point: Point) -> Parts:
+    def _predicted(self, point: StudyPoint) -> ErrorBounds:
         """The changes along all axes from the reference's settings to the point's, added."""
         changes = [
             trend.change(point.setting[axis], self.reference.setting[axis]) for axis, trend in self.trends.items()
@@ -338,7 +342,7 @@ class Study:
         weight = np.min([trend.weight for trend in self.trends.values()], axis=0)
         return self._norms(velocity, variance, weight, point)
 
-    def _norms(self, velocity: Array, variance: Array, weight: Array, point: Point) -> Parts:
+    def _norms(self, velocity: Array, variance: Array, weight: Array, point: StudyPoint) -> ErrorBounds:
         best = self.reference.field
         cells = Cells(weight, (middles(best) ** 2).sum(axis=0), (velocity**2).sum(axis=0), variance)
         shared = max(1.0, (max(point.diameter, self.reference.diameter) / best.grid.cell) ** 2)
@@ -347,17 +351,17 @@ class Study:
 
 
 @dataclass(frozen=True)
-class Trend:
+class AxisTrend:
     """How the bulk velocity changes along an axis."""
 
-    ladder: Ladder
+    fit: AxisFit
     slope: Slope
     unit: float
     limit: float
     weight: Array
 
     @classmethod
-    def of(cls, axis: str, points: Sequence[Point], limit: float) -> Trend:
+    def of(cls, axis: str, points: Sequence[StudyPoint], limit: float) -> AxisTrend:
         """From the points along the axis."""
         unit = max(point.setting[axis] for point in points)
         bulk = np.all([point.field.bulk for point in points], axis=0)
@@ -369,7 +373,7 @@ class Trend:
             weight,
         )
         misfit = slope.misfit if len(points) > 2 else None
-        return cls(Ladder(axis, len(points), slope.order, misfit), slope, unit, limit, weight)
+        return cls(AxisFit(axis, len(points), slope.order, misfit), slope, unit, limit, weight)
 
     def change(self, setting: float, other: float) -> tuple[Array, Array]:
         """Change of velocity (2, nz, nr) between two settings, and its variance (nz, nr)."""
@@ -381,17 +385,17 @@ def middles(field: Field) -> Array:
     return cell_vectors(field.flux_r, field.flux_z) * field.velocity_scale
 
 
-def _runs(point: Point) -> dict[str, str]:
+def _runs(point: StudyPoint) -> dict[str, str]:
     """What of a point's changes makes its runs what they are, but for how many they are and how long."""
     return {key: value for key, value in point.changes.items() if key not in ("dem.replicas", "dem.max_time")}
 
 
-def _goodness(point: Point) -> tuple[float, float, float]:
+def _accuracy_order(point: StudyPoint) -> tuple[float, float, float]:
     """Finest particles first, then the slowest plate, then the longest average."""
-    assert point.ran is not None
-    averaged = sum(sums.duration for sums in point.ran.parts)
+    assert point.finished is not None
+    averaged = sum(sums.duration for sums in point.finished.parts)
     return point.diameter, point.plan.dem.plate_speed, -averaged
 
 
-def _part(difference: Difference) -> Part:
-    return Part(difference.noise_free, difference.upper)
+def _part(difference: Difference) -> ErrorBound:
+    return ErrorBound(difference.noise_free, difference.upper)

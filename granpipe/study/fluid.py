@@ -15,9 +15,9 @@ from granpipe.geometry.outline import Outline
 from granpipe.geometry.section import mesh_section
 from granpipe.pipeline.fluid_field import wall_law
 from granpipe.planning.flow import target_flow
-from granpipe.study.budget import Option, Part
+from granpipe.study.axes import BASE
+from granpipe.study.budget import ErrorBound, Option
 from granpipe.study.findings import Findings
-from granpipe.study.ladder import BASE
 
 ACROSS = (5, 10, 20)
 """Elements from the axis to the wall."""
@@ -44,7 +44,7 @@ class Solve:
     error: float
 
 
-def fluid_ladder(case: Case, grid: Grid) -> tuple[Solve, ...]:
+def fluid_refinement(case: Case, grid: Grid) -> tuple[Solve, ...]:
     """The fluid on coarser and finer meshes, each order, against the finest."""
     outline = Outline.from_case(case)
     inside = outline.inside_fraction(grid)
@@ -83,11 +83,11 @@ def fluid_findings(solves: Sequence[Solve]) -> Findings:
             cores=1,
             statistical={"whole": 0.0},
             blocks=math.inf,
-            systematic={"whole": Part(solve.error, solve.error)},
+            systematic={"whole": ErrorBound(solve.error, solve.error)},
             changes={"fluid.order": str(solve.order)},
         )
         for solve in solves
         if solve.across == DEFAULT
     )
     reference = f"the fluid, order {ORDERS[-1]}, {FINEST} elements across"
-    return Findings(reference, options, levers=(), ladders=(), spread={}, rate=None)
+    return Findings(reference, options, effects=(), axis_fits=(), spread={}, rate=None)

@@ -1,4 +1,4 @@
-"""How a field changes along a ladder of one setting, and what it tends to: least squares with error bars.
+"""How a field changes along one setting, and its limit: least squares with error bars.
 
 Richardson's extrapolation, face by face: F(x) = F₀ + c xᵖ, with known variances of every F.
 """

@@ -1,4 +1,4 @@
-"""A study is a sweep whose points are made here: the case, and a ladder of cheaper and dearer variants of it.
+"""A study is a sweep whose points are made here: the case, and cheaper and more expensive variants of it.
 
 All points have one grid, as fine as the smallest particles need it: deposits are exact on any cell, so that fields of
 different particles are compared face by face, without interpolation that would blur noise and difference alike.
@@ -18,7 +18,7 @@ from granpipe.errors import CaseError
 from granpipe.geometry.revolve import Turn
 from granpipe.planning.forecast import forecast as forecast_of
 from granpipe.planning.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, model_plans
-from granpipe.study.ladder import Axes, Basis, Rung, affordable, ladder
+from granpipe.study.axes import Axes, Basis, StudyVariant, affordable, study_variants
 from granpipe.sweep.content import Content
 from granpipe.sweep.file import Sweep
 from granpipe.sweep.variants import MAX_NAME, Variant
@@ -44,15 +44,15 @@ class Study:
 
     Parameters
     ----------
-    case : the case with everything settled that the ladder varies
-    rungs : the points, the case itself first
+    case : the case with everything settled that the study varies
+    variants : the points, the case itself first
     dropped : points that the budget does not allow
     forecast : point → wall time on one core [s], by its plan
     """
 
     case: Case
-    rungs: tuple[Rung, ...]
-    dropped: tuple[Rung, ...]
+    variants: tuple[StudyVariant, ...]
+    dropped: tuple[StudyVariant, ...]
     forecast: dict[str, float]
 
     @property
@@ -63,14 +63,14 @@ class Study:
     @property
     def left_out(self) -> list[str]:
         """For the user: the points that the budget does not allow."""
-        hours = {rung.variant.name: self.forecast[rung.variant.name] / 3600 for rung in self.dropped}
+        hours = {one.variant.name: self.forecast[one.variant.name] / 3600 for one in self.dropped}
         return [f"left out: {name}, {time:.2g} h; give more --hours to include it" for name, time in hours.items()]
 
     def sweep(self) -> Sweep:
         """The study as a sweep, with its axes beside the points."""
-        ladder = {"axes": {rung.variant.name: rung.axis for rung in self.rungs}, "forecast_seconds": self.forecast}
-        points = {rung.variant.name: rung.variant for rung in self.rungs}
-        content = Content(self.case.to_yaml(), points, beside={"ladder.json": json.dumps(ladder, indent=1)})
+        axes = {"axes": {one.variant.name: one.axis for one in self.variants}, "forecast_seconds": self.forecast}
+        points = {one.variant.name: one.variant for one in self.variants}
+        content = Content(self.case.to_yaml(), points, beside={"axes.json": json.dumps(axes, indent=1)})
         return Sweep(self.name, content, self.case.name, Places(self.name))
 
 
@@ -80,7 +80,7 @@ def study_name(case: Case) -> str:
 
 
 def make_study(case: Case, hours: float, cores: int, axes: Axes | None = None, rates: Rates | None = None) -> Study:
-    """The ladder of a case that some hours on some cores allow; CaseError where not even the case itself is possible.
+    """The study of a case that some hours on some cores allow; CaseError where not even the case itself is possible.
 
     Parameters
     ----------
@@ -95,12 +95,12 @@ def make_study(case: Case, hours: float, cores: int, axes: Axes | None = None, r
         plan = _plan(settled, variant)
         return plan if isinstance(plan, CaseError) else None
 
-    rungs = ladder(settled, basis, refusal, axes)
-    forecast = {rung.variant.name: forecast_of(_needed(settled, rung), rates, cores) for rung in rungs}
+    variants = study_variants(settled, basis, refusal, axes)
+    forecast = {one.variant.name: forecast_of(_needed(settled, one), rates, cores) for one in variants}
     kept, dropped = affordable(
-        rungs, lambda rung: forecast[rung.variant.name] * _busy(_needed(settled, rung), cores), hours * 3600 * cores
+        variants, lambda one: forecast[one.variant.name] * _busy(_needed(settled, one), cores), hours * 3600 * cores
     )
-    cell = _common_cell([_needed(settled, rung) for rung in kept])
+    cell = _common_cell([_needed(settled, one) for one in kept])
     settled = varied(settled, {"homogenize.cell": repr(cell)})
     return Study(settled, tuple(kept), tuple(dropped), forecast)
 
@@ -152,8 +152,8 @@ def _busy(plan: Plan, cores: int) -> int:
     return ranks * min(plan.case.dem.replicas, max(1, cores // ranks))
 
 
-def _needed(case: Case, rung: Rung) -> Plan:
-    plan = _plan(case, rung.variant)
+def _needed(case: Case, one: StudyVariant) -> Plan:
+    plan = _plan(case, one.variant)
     assert isinstance(plan, Plan)  # it has been tried
     return plan
 

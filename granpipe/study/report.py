@@ -18,9 +18,9 @@ from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError, DataError
 from granpipe.export.report import Section, duration, markdown, write_page
 from granpipe.planning.plan import Plan
-from granpipe.study.budget import TOLERANCES, Advice, Option, Part, advise, pareto, percent, sure_factor
-from granpipe.study.chart import draw_curves, draw_levers, draw_options
-from granpipe.study.findings import Findings, Ladder, Lever
+from granpipe.study.budget import TOLERANCES, Advice, ErrorBound, Option, advise, pareto, percent, sure_factor
+from granpipe.study.chart import draw_curves, draw_effects, draw_options
+from granpipe.study.findings import AxisFit, Effect, Findings
 from granpipe.study.fluid import Solve
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.status import Standing
@@ -53,10 +53,10 @@ def write_study(
     root = folder.root
     write_json(root / "study.json", _stored(case, found))
     write_csv([_option_row(option) for option in found.options], root / "options.csv")
-    write_csv([_lever_row(lever) for lever in found.levers], root / "points.csv")
+    write_csv([_effect_row(effect) for effect in found.effects], root / "points.csv")
     draw_options(found.options, found.reference, root / "error_time.png")
-    if found.levers:
-        draw_levers(_levers(found), root / "levers.png")
+    if found.effects:
+        draw_effects(_effects(found), root / "effects.png")
         draw_curves(_method_curves(found), "wall time × cores [s]", "statistical error", root / "methods.png")
     draw_curves(
         _solve_curves(solves), "wall time of mesh and solve [s]", "error against the finest", root / "fluid.png"
@@ -67,7 +67,7 @@ def write_study(
     (root / "report.md").write_text("\n\n".join([*study_intro(found), markdown(sections)]), encoding="utf-8")
     charts = {
         "Error against time": "error_time.png",
-        "Levers": "levers.png",
+        "Effects": "effects.png",
         "Methods": "methods.png",
         "Finite elements": "fluid.png",
     }
@@ -117,7 +117,7 @@ def study_intro(found: Findings) -> list[str]:
     """Where and when, and against what."""
     alone = "No point has particles: errors are those of the finite elements, not what the fluid leaves out as a model."
     return [
-        *([] if found.levers else [alone]),
+        *([] if found.effects else [alone]),
         f"Made on {datetime.now().astimezone():%Y-%m-%d} by granpipe {__version__} on {machine()}.",
         f"Reference: {found.reference}. Errors are E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells, A the area of "
         "each ring. Statistical: the standard error of the average. Systematic: the difference from the reference "
@@ -136,7 +136,7 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
         head=("point", "method", "travel", "time × cores", "statistical", "systematic", "error", "95 % bound"),
         rows=[_front_row(option) for option in pareto(found.options)],
     )
-    if found.levers:
+    if found.effects:
         yield from _particle_sections(found)
     yield Section(
         "Finite elements",
@@ -144,34 +144,34 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
         head=("order", "elements across", "unknowns", "time", "error"),
         rows=[(str(s.order), str(s.across), str(s.unknowns), duration(s.seconds), percent(s.error)) for s in solves],
     )
-    if found.levers:
+    if found.effects:
         yield _forecasts(found, other)
 
 
 def _particle_sections(found: Findings) -> Iterator[Section]:
     """What points with particles tell."""
-    axes = [ladder.axis for ladder in found.ladders]
+    axes = [fit.axis for fit in found.axis_fits]
     yield Section(
         "Error budget",
         [
             "What each setting adds against the limit of its axis: the material's own size, no speed, no softness, no "
             "step. All parts together let a difference from the reference be expected, beside the measured one.",
-            *map(_ladder_text, found.ladders),
+            *map(_axis_fit_text, found.axis_fits),
         ],
         head=("point", "statistical", *axes, "all parts, from the reference", "measured, from the reference"),
-        rows=[_budget_row(lever, axes) for lever in found.levers],
+        rows=[_budget_row(effect, axes) for effect in found.effects],
     )
     yield Section(
-        "Levers",
+        "Effects",
         [
             "What a change of the case does to the time and to the field. For a shorter average of the case's own run "
             "that is the noise it adds; what a method changes stands under Methods."
         ],
         head=("change", "against the case's time", "difference from the case"),
-        rows=[(name, f"× {times:.2f}", str(part)) for name, times, part in _levers(found)],
+        rows=[(name, f"× {times:.2f}", str(part)) for name, times, part in _effects(found)],
     )
-    yield Section("Sections", head=_section_head(found), rows=[_section_row(lever) for lever in found.levers])
-    names = list(dict.fromkeys(name for lever in found.levers for name in lever.measures))
+    yield Section("Sections", head=_section_head(found), rows=[_section_row(effect) for effect in found.effects])
+    names = list(dict.fromkeys(name for effect in found.effects for name in effect.measures))
     yield Section(
         "Measures",
         [
@@ -181,7 +181,7 @@ def _particle_sections(found: Findings) -> Iterator[Section]:
         ],
         head=("point", *names),
         rows=[
-            *((lever.point, *_figures(lever.measures, names)) for lever in found.levers if lever.measures),
+            *((effect.point, *_figures(effect.measures, names)) for effect in found.effects if effect.measures),
             *([("halves of the reference", *_figures(found.spread, names))] if found.spread else []),
         ],
     )
@@ -247,38 +247,38 @@ def _front_row(option: Option) -> tuple[str, ...]:
     )
 
 
-def _ladder_text(ladder: Ladder) -> str:
-    if ladder.misfit is None:
-        return f"{ladder.axis}: two points, first order assumed."
-    judgement = "no power of the setting describes them" if ladder.misfit > _NO_POWER else "within the noise"
-    return f"{ladder.axis}: {ladder.points} points, order {ladder.order:g}, misfit {ladder.misfit:.2g} ({judgement})."
+def _axis_fit_text(fit: AxisFit) -> str:
+    if fit.misfit is None:
+        return f"{fit.axis}: two points, first order assumed."
+    judgement = "no power of the setting describes them" if fit.misfit > _NO_POWER else "within the noise"
+    return f"{fit.axis}: {fit.points} points, order {fit.order:g}, misfit {fit.misfit:.2g} ({judgement})."
 
 
-def _budget_row(lever: Lever, axes: Sequence[str]) -> tuple[str, ...]:
-    parts = [str(lever.parts[axis]["whole"]) if axis in lever.parts else "" for axis in axes]
-    predicted = "" if lever.predicted is None else str(lever.predicted["whole"])
-    return (lever.point, percent(lever.statistical["whole"]), *parts, predicted, str(lever.systematic["whole"]))
+def _budget_row(effect: Effect, axes: Sequence[str]) -> tuple[str, ...]:
+    parts = [str(effect.parts[axis]["whole"]) if axis in effect.parts else "" for axis in axes]
+    predicted = "" if effect.predicted is None else str(effect.predicted["whole"])
+    return (effect.point, percent(effect.statistical["whole"]), *parts, predicted, str(effect.systematic["whole"]))
 
 
-def _levers(found: Findings) -> list[tuple[str, float, Part]]:
+def _effects(found: Findings) -> list[tuple[str, float, ErrorBound]]:
     """Name, time over that of the case, and difference from the case: every point, and shorter averages of the case."""
-    base, *others = found.levers
+    base, *others = found.effects
     cost = base.seconds * base.cores
-    levers = [(lever.point, lever.seconds * lever.cores / cost, lever.from_base["whole"]) for lever in others]
+    effects = [(effect.point, effect.seconds * effect.cores / cost, effect.from_base["whole"]) for effect in others]
     for option in sorted(_by_method(found).get("psi", []), key=lambda option: -option.travel)[1:]:
         noise = math.sqrt(max(0.0, option.statistical["whole"] ** 2 - base.statistical["whole"] ** 2))
         name = f"average over {option.travel:.2g} outlet diameters"
-        levers.append((name, option.core_seconds / cost, Part(noise, noise * sure_factor(option.blocks))))
-    return levers
+        effects.append((name, option.core_seconds / cost, ErrorBound(noise, noise * sure_factor(option.blocks))))
+    return effects
 
 
 def _section_head(found: Findings) -> tuple[str, ...]:
-    names = list(found.levers[0].systematic)
+    names = list(found.effects[0].systematic)
     return ("systematic error of point", *names)
 
 
-def _section_row(lever: Lever) -> tuple[str, ...]:
-    return (lever.point, *map(str, lever.systematic.values()))
+def _section_row(effect: Effect) -> tuple[str, ...]:
+    return (effect.point, *map(str, effect.systematic.values()))
 
 
 def _figures(measures: Mapping[str, float], names: Sequence[str]) -> list[str]:
@@ -289,7 +289,7 @@ def _by_method(found: Findings) -> dict[str, list[Option]]:
     """Options of the case itself by method, the longest average first."""
     methods: dict[str, list[Option]] = {}
     for option in found.options:
-        if option.point == found.levers[0].point:
+        if option.point == found.effects[0].point:
             methods.setdefault(option.method, []).append(option)
     return methods
 
@@ -320,12 +320,12 @@ def _forecasts(found: Findings, other: Plan | None) -> Section:
     """Forecast against measured time of every point, and the time of another plan at the measured rate."""
     text = []
     rows = []
-    for lever in found.levers:
-        if lever.forecast is None:
+    for effect in found.effects:
+        if effect.forecast is None:
             continue
-        ratio = lever.seconds / lever.forecast
+        ratio = effect.seconds / effect.forecast
         good = "" if 1 / _GOOD_FORECAST <= ratio <= _GOOD_FORECAST else f"beyond a factor of {_GOOD_FORECAST:g}"
-        rows.append((lever.point, duration(lever.forecast), duration(lever.seconds), f"{ratio:.2f}", good))
+        rows.append((effect.point, duration(effect.forecast), duration(effect.seconds), f"{ratio:.2f}", good))
     if found.rate is not None:
         text.append(f"Measured: {found.rate:.3g} particle-steps per second on one core, filling included.")
     if other is not None and found.rate is not None:
@@ -367,11 +367,11 @@ def _option_row(option: Option) -> Row:
     return row | dict(option.changes)
 
 
-def _lever_row(lever: Lever) -> Row:
-    row: dict[str, str | float] = {"point": lever.point, "axis": lever.axis, "seconds": lever.seconds}
-    row |= {"cores": lever.cores, "forecast_seconds": "" if lever.forecast is None else lever.forecast}
-    for name, part in lever.systematic.items():
+def _effect_row(effect: Effect) -> Row:
+    row: dict[str, str | float] = {"point": effect.point, "axis": effect.axis, "seconds": effect.seconds}
+    row |= {"cores": effect.cores, "forecast_seconds": "" if effect.forecast is None else effect.forecast}
+    for name, part in effect.systematic.items():
         row |= {f"{name}.systematic": part.value, f"{name}.systematic_95": part.upper}
-    for axis, parts in lever.parts.items():
+    for axis, parts in effect.parts.items():
         row |= {f"part.{axis}": parts["whole"].value, f"part.{axis}_95": parts["whole"].upper}
-    return row | dict(lever.measures)
+    return row | dict(effect.measures)

@@ -9,9 +9,8 @@ from granpipe.case.reader import load_case
 from granpipe.errors import RunError
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
-from granpipe.study.findings import Study as Comparison
-from granpipe.study.findings import load_points
-from granpipe.study.fluid import fluid_findings, fluid_ladder
+from granpipe.study.findings import Comparison, load_points
+from granpipe.study.fluid import fluid_findings, fluid_refinement
 from granpipe.study.points import Study
 from granpipe.study.report import write_study
 from granpipe.sweep.folder import Folder
@@ -44,9 +43,9 @@ def report_study(folder: Folder, other: Plan | None, progress: Progress) -> tupl
     progress.stage("points")
     points = load_points(folder, progress)
     progress.stage("finite elements")
-    solves = fluid_ladder(case, points[0].plan.grid)
+    solves = fluid_refinement(case, points[0].plan.grid)
     progress.stage("comparison")
-    particles = any(point.ran for point in points)
+    particles = any(point.finished for point in points)
     found = Comparison(case, points).findings(progress) if particles else fluid_findings(solves)
     progress.stage("report")
     return write_study(folder, case, found, solves, other, missing), missing

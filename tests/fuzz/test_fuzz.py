@@ -201,7 +201,7 @@ FILES: dict[str, tuple[object, Callable[[Path], object]]] = {
         lambda path: Content.read(path.parent),
     ),
     "study.json": ({"case": CASE, "options": [OPTION]}, lambda path: advise(read_study(path).options, 0.05)),
-    "ladder.json": ({"axes": {"a": "seed"}, "forecast_seconds": {"a": 3.0}}, lambda path: read_json(path, Notes, "x")),
+    "axes.json": ({"axes": {"a": "seed"}, "forecast_seconds": {"a": 3.0}}, lambda path: read_json(path, Notes, "x")),
     "jobs.json": ({"jobs": [{"job": "7", "points": [["a", "b"]]}]}, lambda path: read_json(path, Jobs, "x")),
     "state.json": (STATE, lambda path: (read_json(path, State), State.load(path))),
     "rates.json": ({"cpu": {"made": "2026", "rates": {"1": 1e6}}}, lambda path: read_json(path, dict[str, Rates])),

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from granpipe.study.budget import Option, Part, advise, pareto, percent, sure_factor
+from granpipe.study.budget import ErrorBound, Option, advise, pareto, percent, sure_factor
 
 
 def option(point: str, seconds: float, noise: float, rest: float, upper: float | None = None, cores: int = 1) -> Option:
-    part = Part(rest, rest if upper is None else upper)
+    part = ErrorBound(rest, rest if upper is None else upper)
     return Option(point, "psi", 1.0, seconds, cores, {"whole": noise}, math.inf, {"whole": part})
 
 
@@ -26,7 +26,7 @@ def test_independent_parts_add_as_squares() -> None:
 
 
 def test_few_blocks_make_the_bound_wider() -> None:
-    few = Option("a", "psi", 1.0, 1.0, 1, {"whole": 0.03}, 8.0, {"whole": Part(0.0, 0.0)})
+    few = Option("a", "psi", 1.0, 1.0, 1, {"whole": 0.03}, 8.0, {"whole": ErrorBound(0.0, 0.0)})
     assert few.error().value == pytest.approx(0.03)
     assert few.error().upper > 1.5 * 0.03
 
@@ -73,7 +73,7 @@ def test_without_proof_the_estimate_decides_and_the_advice_says_so() -> None:
 
 
 def test_the_plain_average_is_never_advised() -> None:
-    plain = Option("a", "raw", 1.0, 1.0, 1, {"whole": 0.01}, math.inf, {"whole": Part(0.0, 0.0)})
+    plain = Option("a", "raw", 1.0, 1.0, 1, {"whole": 0.01}, math.inf, {"whole": ErrorBound(0.0, 0.0)})
     assert advise([plain, option("b", 9, 0.01, 0.0)], 0.05).option is not plain
 
 
@@ -82,9 +82,9 @@ def test_nothing_is_advised_where_nothing_is_good_enough() -> None:
 
 
 def test_a_part_below_its_own_uncertainty_is_unresolved() -> None:
-    assert Part(0.05, 0.06).resolved
-    assert not Part(0.02, 0.06).resolved
-    assert "below 6.0%" in str(Part(0.02, 0.06))
+    assert ErrorBound(0.05, 0.06).resolved
+    assert not ErrorBound(0.02, 0.06).resolved
+    assert "below 6.0%" in str(ErrorBound(0.02, 0.06))
 
 
 def test_small_errors_keep_their_digits() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granpipe.field import Field, Grid, divergence, flux_from_psi
-from granpipe.study.fields import Ran, refined
+from granpipe.study.fields import FinishedRun, refined
 
 
 @dataclass
@@ -41,12 +41,12 @@ def settled(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def ran(*chains: Chain) -> Ran:
-    return Ran(plan=None, productions=chains)  # type: ignore[arg-type]
+def finished(*chains: Chain) -> FinishedRun:
+    return FinishedRun(plan=None, productions=chains)  # type: ignore[arg-type]
 
 
 def test_the_clock_goes_on_where_production_was_resumed(settled: Path) -> None:
-    made = ran(Chain(0, settled, [10.0, 20.0, 5.0, 15.0]))
+    made = finished(Chain(0, settled, [10.0, 20.0, 5.0, 15.0]))
     assert made.clocks[0].tolist() == [13, 23, 28, 38]
     assert made.seconds(2.0) == 23
     assert made.seconds(3.0) == 28
@@ -54,16 +54,16 @@ def test_the_clock_goes_on_where_production_was_resumed(settled: Path) -> None:
 
 
 def test_of_replicas_the_slowest_counts_and_every_core(settled: Path) -> None:
-    made = ran(Chain(0, settled, [10.0, 20.0]), Chain(1, settled, [11.0, 30.0]))
+    made = finished(Chain(0, settled, [10.0, 20.0]), Chain(1, settled, [11.0, 30.0]))
     assert made.seconds(1.0) == 14
     assert made.seconds(np.inf) == 33
     assert made.cores == 2
 
 
 def test_averages_are_shortened_by_a_fifth_until_they_have_no_error_bar(settled: Path) -> None:
-    made = ran(Chain(0, settled, [float(n) for n in range(1, 41)]))
+    made = finished(Chain(0, settled, [float(n) for n in range(1, 41)]))
     assert made.ends == [40, 32, 25, 20, 16, 13, 10]
-    short = ran(Chain(0, settled, [float(n) for n in range(1, 11)]))
+    short = finished(Chain(0, settled, [float(n) for n in range(1, 11)]))
     assert short.ends == [10, 8]
 
 

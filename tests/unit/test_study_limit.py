@@ -1,4 +1,4 @@
-"""Slopes along a ladder: known orders are recovered, and their error bars hold."""
+"""Slopes along an axis: known orders are recovered, and their error bars hold."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ WEIGHT = np.ones(SHAPE)
 SIGMA = 0.05
 
 
-def ladder(x, order, seed, sigma=SIGMA):
+def values_along(x, order, seed, sigma=SIGMA):
     """Two components, F = 1 + c x^order with another c in every place, and noise."""
     rng = np.random.default_rng(seed)
     slope = np.random.default_rng(0).normal(0.5, 0.3, (2, *SHAPE))
@@ -24,7 +24,7 @@ def ladder(x, order, seed, sigma=SIGMA):
 @pytest.mark.parametrize("order", [1.0, 2.0])
 def test_three_points_tell_the_order_and_the_slope(order: float) -> None:
     x = (0.25, 0.5, 1.0)
-    slope, values, variances = ladder(x, order, 1, sigma=0.01)
+    slope, values, variances = values_along(x, order, 1, sigma=0.01)
     found = fit_slope(x, values, variances, WEIGHT)
     assert found.order == order
     assert np.abs(found.value - slope).max() < 0.1
@@ -32,19 +32,19 @@ def test_three_points_tell_the_order_and_the_slope(order: float) -> None:
 
 
 def test_two_points_are_taken_as_first_order() -> None:
-    slope, values, variances = ladder((0.5, 1.0), 1.0, 1, sigma=0.0)
+    slope, values, variances = values_along((0.5, 1.0), 1.0, 1, sigma=0.0)
     found = fit_slope((0.5, 1.0), values, variances, WEIGHT)
     assert found.order == 1
     assert np.isnan(found.misfit)
     assert np.allclose(found.value, slope)
 
 
-def test_the_error_bar_is_that_of_repeated_ladders() -> None:
+def test_the_error_bar_is_that_of_repeated_axes() -> None:
     """One of the points is four times as noisy as the others, and counts less."""
     x = (0.3, 0.5, 0.8, 1.0)
     slopes, bars = [], []
     for seed in range(60):
-        _, values, variances = ladder(x, 1.0, seed, sigma=0.01)
+        _, values, variances = values_along(x, 1.0, seed, sigma=0.01)
         values[3] += 0.04 * np.random.default_rng(1000 + seed).standard_normal(values[3].shape)
         variances[3] += 2 * 0.04**2
         found = fit_slope(x, values, variances, WEIGHT)
@@ -56,7 +56,7 @@ def test_the_error_bar_is_that_of_repeated_ladders() -> None:
 
 
 def test_the_change_from_the_limit_grows_with_the_power() -> None:
-    slope, values, variances = ladder((0.25, 0.5, 1.0), 2.0, 1, sigma=0.0)
+    slope, values, variances = values_along((0.25, 0.5, 1.0), 2.0, 1, sigma=0.0)
     found = fit_slope((0.25, 0.5, 1.0), values, variances + 1e-12, WEIGHT)
     change, variance = found.between(1.0, 0.5)
     assert np.allclose(change, slope * 0.75)
@@ -64,6 +64,6 @@ def test_the_change_from_the_limit_grows_with_the_power() -> None:
 
 
 def test_points_that_follow_no_power_show_by_their_misfit() -> None:
-    _, values, variances = ladder((0.25, 0.5, 1.0), 1.0, 1, sigma=0.01)
+    _, values, variances = values_along((0.25, 0.5, 1.0), 1.0, 1, sigma=0.01)
     values[1] += 1.0
     assert fit_slope((0.25, 0.5, 1.0), values, variances, WEIGHT).misfit > 100

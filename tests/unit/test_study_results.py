@@ -12,10 +12,10 @@ from granpipe.case.reader import load_case, varied
 from granpipe.errors import DataError
 from granpipe.field import Field, flux_from_psi
 from granpipe.planning.plan import make_plan
+from granpipe.study.axes import BASE
 from granpipe.study.budget import advise
-from granpipe.study.findings import Findings, Point, Study
+from granpipe.study.findings import Comparison, Findings, StudyPoint
 from granpipe.study.fluid import Solve, fluid_findings
-from granpipe.study.ladder import BASE
 from granpipe.study.report import study_sections
 
 CASES = Path(__file__).parents[2] / "cases"
@@ -54,7 +54,7 @@ def shapes(grid):
     return flux_from_psi(plug, grid), flux_from_psi(bump, grid)
 
 
-def point(name: str, axis: str, changes: dict[str, str], sigma: float, seed: int) -> Point:
+def point(name: str, axis: str, changes: dict[str, str], sigma: float, seed: int) -> StudyPoint:
     """Profile strength: as the diameter and the speed have it."""
     plan = make_plan(varied(CASE, changes))
     grid, rng = plan.grid, np.random.default_rng(seed)
@@ -69,11 +69,11 @@ def point(name: str, axis: str, changes: dict[str, str], sigma: float, seed: int
         grid, ones, ones > 0, plug_r + strength * bump_r, flux_z, 1.0, 1.0, 1.0,
         flux_r_se=np.zeros_like(plug_r), flux_z_se=error_z,
     )  # fmt: skip
-    ran = FakeRun([Segment(1.0)])
-    return Point(name, axis, changes, plan, field, ran, 10.0, 1, 10.0)  # type: ignore[arg-type]
+    finished = FakeRun([Segment(1.0)])
+    return StudyPoint(name, axis, changes, plan, field, finished, 10.0, 1, 10.0)  # type: ignore[arg-type]
 
 
-def study(sigma: float) -> Study:
+def study(sigma: float) -> Comparison:
     points = [
         point(BASE, "", {}, sigma, 1),
         point("coarse", "coarse_grain_factor", {"dem.coarse_grain_factor": "2"}, sigma, 2),
@@ -81,10 +81,10 @@ def study(sigma: float) -> Study:
         point("fast", "plate_speed", {"dem.plate_speed": "0.04", "dem.max_time": "4"}, sigma, 4),
         point("slow", "plate_speed", {"dem.plate_speed": "0.01", "dem.max_time": "16"}, sigma, 5),
     ]
-    return Study(CASE, points)
+    return Comparison(CASE, points)
 
 
-def norm_of_profile(made: Study) -> float:
+def norm_of_profile(made: Comparison) -> float:
     """E of the profile at unit strength against the reference, by the definition."""
     grid = made.reference.field.grid
     (_, _), (_, bump) = shapes(grid)
@@ -101,8 +101,8 @@ def test_parts_are_those_that_were_put_in() -> None:
     made = study(0.002)
     unit = norm_of_profile(made)
     for number, (diameter, speed) in enumerate([(0.015, 0.02), (0.02, 0.02), (0.012, 0.02), (0.015, 0.04)]):
-        lever = made.lever(made.points[number], {})
-        size, plate = lever.parts["coarse_grain_factor"]["whole"], lever.parts["plate_speed"]["whole"]
+        effect = made.effect(made.points[number], {})
+        size, plate = effect.parts["coarse_grain_factor"]["whole"], effect.parts["plate_speed"]["whole"]
         assert size.value == pytest.approx(unit * PER_DIAMETER * (diameter - OWN), rel=0.1)
         assert plate.value == pytest.approx(unit * PER_SPEED * speed, rel=0.1)
         assert size.value <= size.upper
@@ -112,31 +112,31 @@ def test_the_parts_together_foretell_the_measured_difference() -> None:
     made = study(0.002)
     unit = norm_of_profile(made)
     for name, strength in (("fast", PER_DIAMETER * 0.003 + PER_SPEED * 0.02), ("coarse", PER_DIAMETER * 0.008)):
-        lever = made.lever(next(p for p in made.points if p.name == name), {})
-        assert lever.predicted is not None
-        assert lever.predicted["whole"].value == pytest.approx(unit * strength, rel=0.1)
-        assert lever.systematic["whole"].value == pytest.approx(unit * strength, rel=0.1)
+        effect = made.effect(next(p for p in made.points if p.name == name), {})
+        assert effect.predicted is not None
+        assert effect.predicted["whole"].value == pytest.approx(unit * strength, rel=0.1)
+        assert effect.systematic["whole"].value == pytest.approx(unit * strength, rel=0.1)
 
 
 def test_sections_are_told_apart_from_the_whole() -> None:
     made = study(0.002)
-    lever = made.lever(made.points[1], {})
-    assert list(lever.systematic) == ["whole", "shaft", "hopper", "throat", "chamber"]
+    effect = made.effect(made.points[1], {})
+    assert list(effect.systematic) == ["whole", "shaft", "hopper", "throat", "chamber"]
 
 
 def test_what_noise_hides_is_unresolved_and_stays_below_its_bound() -> None:
     made = study(0.3)
     unit = norm_of_profile(made)
-    lever = made.lever(made.points[0], {})
-    part = lever.parts["plate_speed"]["whole"]
+    effect = made.effect(made.points[0], {})
+    part = effect.parts["plate_speed"]["whole"]
     assert not part.resolved
     assert part.upper > unit * PER_SPEED * 0.02
 
 
 def test_the_reference_has_no_difference_from_itself() -> None:
     made = study(0.01)
-    lever = made.lever(made.reference, {})
-    assert lever.systematic["whole"].upper == 0
+    effect = made.effect(made.reference, {})
+    assert effect.systematic["whole"].upper == 0
 
 
 def test_without_error_bars_there_is_nothing_to_compare() -> None:
@@ -144,9 +144,9 @@ def test_without_error_bars_there_is_nothing_to_compare() -> None:
     field = Field(
         bare.field.grid, bare.field.inside_fraction, bare.field.bulk, bare.field.flux_r, bare.field.flux_z, 1, 1, 1
     )
-    alone = Point(BASE, "", {}, bare.plan, field, bare.ran, 1.0, 1, None)
+    alone = StudyPoint(BASE, "", {}, bare.plan, field, bare.finished, 1.0, 1, None)
     with pytest.raises(DataError, match="average longer"):
-        Study(CASE, [alone])
+        Comparison(CASE, [alone])
 
 
 def test_without_particles_the_finite_elements_are_the_options() -> None:
@@ -169,9 +169,9 @@ def test_each_advice_says_how_much_longer_another_case_takes() -> None:
 
 def test_levers_are_told_against_the_case_and_its_time() -> None:
     studied = study(0.0)
-    base, coarse = (studied.lever(point, {}) for point in studied.points[:2])
+    base, coarse = (studied.effect(point, {}) for point in studied.points[:2])
     found = Findings(BASE, (), (base, replace(coarse, seconds=3 * base.seconds)), (), {}, None)
-    (section,) = (one for one in study_sections(found, [], None) if one.title == "Levers")
+    (section,) = (one for one in study_sections(found, [], None) if one.title == "Effects")
     ((name, times, difference),) = section.rows
     assert (name, times) == (coarse.point, "× 3.00")
     assert difference == str(coarse.from_base["whole"])

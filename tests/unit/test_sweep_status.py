@@ -151,15 +151,15 @@ def test_looking_at_a_folder_writes_nothing_into_it(folder, queue):
 def test_a_folder_that_another_process_runs_is_neither_taken_nor_rewritten(folder, monkeypatch):
     monkeypatch.setattr(sweep_folder, "_PATIENCE", 0.05)
     before = folder.case.read_bytes(), (folder.root / "points.json").read_bytes()
-    other = Folder(folder.root, Content("name: other\n", {}, beside={"ladder.json": "{}"}))
+    other = Folder(folder.root, Content("name: other\n", {}, beside={"axes.json": "{}"}))
     refused = pytest.raises(RunError, match=f"process {os.getpid()} on .* is running .*granpipe sweep cancel")
     with folder.started(), refused, other.started():
         pass
     assert (folder.case.read_bytes(), (folder.root / "points.json").read_bytes()) == before
-    assert not (folder.root / "ladder.json").exists()
+    assert not (folder.root / "axes.json").exists()
     with other.started():
         assert folder.case.read_text() == "name: other\n"
-        assert (folder.root / "ladder.json").exists()
+        assert (folder.root / "axes.json").exists()
 
 
 def test_a_glimpse_at_a_folder_does_not_keep_a_sweep_from_starting(folder, monkeypatch):

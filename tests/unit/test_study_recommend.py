@@ -12,17 +12,17 @@ import pytest
 from granpipe.case.reader import CaseFile, load_case, read_case, varied
 from granpipe.errors import CaseError, DataError
 from granpipe.planning.plan import make_plan
-from granpipe.study import choice as study_choice
-from granpipe.study.budget import Option, Part
-from granpipe.study.choice import carried_over, choose, shipped
+from granpipe.study import recommend as study_recommend
+from granpipe.study.budget import ErrorBound, Option
 from granpipe.study.points import make_study
+from granpipe.study.recommend import carried_over, recommend, shipped
 from granpipe.study.report import read_study
 
 SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
 
 
 def option(point: str, method: str, seconds: float, noise: float, rest: float, changes: dict[str, str]) -> Option:
-    part = {"whole": Part(rest, rest)}
+    part = {"whole": ErrorBound(rest, rest)}
     return Option(point, method, 1.0, seconds, 1, {"whole": noise}, math.inf, part, changes)
 
 
@@ -52,7 +52,7 @@ def results(tmp_path: Path) -> Path:
 @pytest.fixture
 def brought_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same study, but one of granpipe's own."""
-    monkeypatch.setattr(study_choice, "SHIPPED", tmp_path / "shipped")
+    monkeypatch.setattr(study_recommend, "SHIPPED", tmp_path / "shipped")
     (tmp_path / "shipped").mkdir()
     write_study(tmp_path / "shipped" / "smoke.json")
 
@@ -68,7 +68,7 @@ def smoke(**changes: str) -> CaseFile:
 
 
 def test_the_cheapest_that_is_good_enough_is_taken_with_its_settings(results: Path) -> None:
-    chosen = choose(smoke(), results, 0.11)
+    chosen = recommend(smoke(), results, 0.11)
     assert chosen.option.point == "fast"
     assert chosen.proven
     assert chosen.file.case.dem.plate_speed == 0.05
@@ -78,48 +78,48 @@ def test_the_cheapest_that_is_good_enough_is_taken_with_its_settings(results: Pa
 
 
 def test_a_tighter_tolerance_takes_a_dearer_one_and_never_the_plain_average(results: Path) -> None:
-    chosen = choose(smoke(), results, 0.05)
+    chosen = recommend(smoke(), results, 0.05)
     assert (chosen.option.point, chosen.option.method) == ("base", "psi")
     assert chosen.file.case.dem.max_time == 7
 
 
 def test_flow_rate_pictures_and_seed_stay_those_of_the_case(results: Path) -> None:
-    case = choose(smoke(flow_rate="3 kg/h", figures="[rz]", dem__seed="5"), results, 0.11).file.case
+    case = recommend(smoke(flow_rate="3 kg/h", figures="[rz]", dem__seed="5"), results, 0.11).file.case
     assert case.flow_rate.mass == pytest.approx(3 / 3600)
     assert case.figures == ("rz",)
     assert case.dem.seed == 5
 
 
 def test_a_target_of_the_case_does_not_end_the_run(results: Path) -> None:
-    assert choose(smoke(dem__statistical_error="1 %"), results, 0.11).file.case.dem.statistical_error is None
+    assert recommend(smoke(dem__statistical_error="1 %"), results, 0.11).file.case.dem.statistical_error is None
 
 
 def test_nothing_good_enough_names_the_best(results: Path) -> None:
     with pytest.raises(CaseError, match=r"the best has 3\.0%"):
-        choose(smoke(), results, 0.01)
+        recommend(smoke(), results, 0.01)
 
 
 def test_a_study_of_another_material_is_refused(results: Path) -> None:
     with pytest.raises(CaseError, match="another vessel or material"):
-        choose(smoke(contact__friction="0.5"), results, 0.11)
+        recommend(smoke(contact__friction="0.5"), results, 0.11)
 
 
 def test_without_any_study_the_remedy_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study_choice, "SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(study_recommend, "SHIPPED", tmp_path / "none")
     with pytest.raises(CaseError, match="granpipe study"):
-        choose(smoke(), tmp_path, 0.11)
+        recommend(smoke(), tmp_path, 0.11)
 
 
 @pytest.mark.usefixtures("brought_along")
 def test_a_study_that_granpipe_brings_along_counts_for_its_scene(tmp_path: Path) -> None:
-    chosen = choose(smoke(), tmp_path, 0.11)
+    chosen = recommend(smoke(), tmp_path, 0.11)
     assert (chosen.option.point, chosen.guessed) == ("fast", False)
     assert "granpipe's study of smoke" in chosen.expected
 
 
 @pytest.mark.usefixtures("brought_along")
 def test_for_another_scene_its_setting_is_a_guess_in_that_scenes_measures(tmp_path: Path) -> None:
-    chosen = choose(smoke(material__size="{diameter: 1 cm}"), tmp_path, 0.05)
+    chosen = recommend(smoke(material__size="{diameter: 1 cm}"), tmp_path, 0.05)
     assert chosen.guessed
     assert "a guess, which granpipe study would test" in chosen.expected
     there, here = make_plan(smoke(dem__max_time="7").case), make_plan(chosen.file.case)
@@ -147,7 +147,7 @@ def test_every_study_that_granpipe_brings_along_can_be_read() -> None:
 
 
 def test_afterwards_it_says_what_it_got(results: Path) -> None:
-    chosen = choose(smoke(), results, 0.11)
+    chosen = recommend(smoke(), results, 0.11)
     folder = results / "smoke"
     folder.mkdir()
     provenance = {"wall_seconds": 12.3, "quality": [], "figures": {"statistical_error": {"whole": 0.08}}}
@@ -156,7 +156,7 @@ def test_afterwards_it_says_what_it_got(results: Path) -> None:
 
 
 def test_what_is_marked_and_what_is_set_is_told_before_the_run(results: Path) -> None:
-    told = choose(smoke(), results, 0.11).expected.splitlines()
+    told = recommend(smoke(), results, 0.11).expected.splitlines()
     assert any(line.startswith("settings: ") and "dem.plate_speed = 0.05" in line for line in told)
     assert any(line.startswith("marked: plate_speed") and "too fast" in line for line in told)
 
@@ -165,4 +165,4 @@ def test_a_damaged_study_is_told(tmp_path: Path) -> None:
     (tmp_path / "smoke-study").mkdir()
     (tmp_path / "smoke-study" / "study.json").write_text("{}")
     with pytest.raises(DataError, match=r"damaged \(case: Field required\); run the study again"):
-        choose(smoke(), tmp_path, 0.11)
+        recommend(smoke(), tmp_path, 0.11)

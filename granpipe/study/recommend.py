@@ -41,7 +41,7 @@ _SETTLED = (
 
 
 @dataclass(frozen=True)
-class Chosen:
+class Recommendation:
     """What will be run, and what to expect.
 
     Parameters
@@ -100,7 +100,7 @@ class Chosen:
         )
 
 
-def choose(file: CaseFile, results: Path, tolerance: float) -> Chosen:
+def recommend(file: CaseFile, results: Path, tolerance: float) -> Recommendation:
     """The cheapest option that is good enough, of a study of the case or else of another scene.
 
     CaseError where no study has one.
@@ -114,7 +114,7 @@ def choose(file: CaseFile, results: Path, tolerance: float) -> Chosen:
             option, proven = _best(former.options, tolerance, study)
             where = f"of the study in {study.parent}" if study == own else f"of granpipe's study of {study.stem}"
             changes = _settings(former.case, option)
-            return Chosen(_changed(file.case, changes), option, changes, where, proven)
+            return Recommendation(_changed(file.case, changes), option, changes, where, proven)
     return _guess(file.case, tolerance, own)
 
 
@@ -159,7 +159,7 @@ def _changed(case: Case, changes: dict[str, str]) -> CaseFile:
     return resolve(given, Places(case.name), changes)
 
 
-def _guess(case: Case, tolerance: float, own: Path) -> Chosen:
+def _guess(case: Case, tolerance: float, own: Path) -> Recommendation:
     """An option of the first study that granpipe brings along whose setting this scene can take over."""
     particles = varied(case, {"model": "dem"})
     for study in shipped():
@@ -169,7 +169,7 @@ def _guess(case: Case, tolerance: float, own: Path) -> Chosen:
         model = varied(former.case, option.changes)
         changes = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
         where = f"of granpipe's study of {study.stem}"
-        return Chosen(_changed(case, changes), option, changes, where, proven, guessed=True)
+        return Recommendation(_changed(case, changes), option, changes, where, proven, guessed=True)
     raise CaseError(f"there is no {own}; make one with granpipe study", place="--total-error")
 
 

@@ -1,4 +1,4 @@
-"""The ladder of a study: cheaper and dearer variants of a case, one axis at a time, and what tells most together."""
+"""The variants of a study: cheaper and more expensive than the case, along one axis at a time, and combined."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _KEYS = {
 
 @dataclass(frozen=True)
 class Basis:
-    """What the planner settled for the case, of which the ladder varies.
+    """What the planner settled for the case, which the study varies.
 
     Parameters
     ----------
@@ -78,8 +78,8 @@ class Basis:
 
 
 @dataclass(frozen=True)
-class Rung:
-    """A point of the ladder: along which axis it departs from the case, and how."""
+class StudyVariant:
+    """A point of the study before it is run: the axis along which it differs from the case, and how."""
 
     axis: str
     variant: Variant
@@ -89,7 +89,7 @@ Refusal = Callable[[Variant], CaseError | None]
 """Why the scene does not allow a variant (a gap, a model, a wrong value); None where it does."""
 
 Axes = Mapping[str, Sequence[str]]
-"""Axis → the values that the user gave, as YAML; none for those of the ladder."""
+"""Axis → the values that the user gave, as YAML; none for the usual ones."""
 
 
 def read_axes(words: Iterable[str]) -> Axes:
@@ -98,7 +98,7 @@ def read_axes(words: Iterable[str]) -> Axes:
     for word in words:
         name, given, text = word.partition("=")
         if name not in (*_KEYS, CHEAP, BEST):
-            raise CaseError(f"{name} is no axis; there are {', '.join((*_KEYS, CHEAP, BEST))}", place="--axis")
+            raise CaseError(f"{name} is not an axis; choose from {', '.join((*_KEYS, CHEAP, BEST))}", place="--axis")
         if given and name in (CHEAP, BEST):
             raise CaseError(f"{name} follows from the other axes; it takes no values", place="--axis")
         values = [value for value in map(str.strip, text.split(",")) if value]
@@ -108,7 +108,7 @@ def read_axes(words: Iterable[str]) -> Axes:
     return found
 
 
-def ladder(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None = None) -> tuple[Rung, ...]:
+def study_variants(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None = None) -> tuple[StudyVariant, ...]:
     """Every point, the case itself first.
 
     Of the usual values those that the scene does not allow are left out; for values of the user that is a CaseError.
@@ -118,40 +118,40 @@ def ladder(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None = None)
     axes : to go along these alone, with these values; CaseError where nothing is possible along one
     """
     axes = axes or {}
-    single, usual = [Rung("", Variant(BASE, {}))], _usual(case, basis)
+    single, usual = [StudyVariant("", Variant(BASE, {}))], _usual(case, basis)
     for axis in (axis for axis in usual if not axes.get(axis)):
         for value in usual[axis]:
             variant = _variant(case, basis, axis, value)
             if refusal(variant) is None:
-                single.append(Rung(axis, variant))
+                single.append(StudyVariant(axis, variant))
     for axis in (axis for axis in usual if axes.get(axis)):
         for value in dict.fromkeys(axes[axis]):
             single.append(_wanted(case, basis, refusal, axis, value))
-    rungs = [*single, *(rung for rung in _combined(case, single) if refusal(rung.variant) is None)]
+    variants = [*single, *(one for one in _combined(case, single) if refusal(one.variant) is None)]
     if not axes:
-        return tuple(rungs)
+        return tuple(variants)
     for axis in axes:
-        if not any(rung.axis == axis for rung in rungs):
-            raise CaseError(f"nothing along {axis} is possible in this scene", place="--axis")
-    return tuple(rung for rung in rungs if not rung.axis or rung.axis in axes)
+        if not any(one.axis == axis for one in variants):
+            raise CaseError(f"this case allows no variant along {axis}", place="--axis")
+    return tuple(one for one in variants if not one.axis or one.axis in axes)
 
 
-def _wanted(case: Case, basis: Basis, refusal: Refusal, axis: str, value: str) -> Rung:
+def _wanted(case: Case, basis: Basis, refusal: Refusal, axis: str, value: str) -> StudyVariant:
     """A point at a value of the user's; CaseError where it cannot be."""
     place = f"--axis {axis}={value}"
     try:
         changed = varied(case, {_KEYS[axis]: value})
         if axis == "plate_speed" and changed.dem.plate_speed == "auto":
-            raise CaseError("auto is no value to go to; give a speed, in m/s or with its unit")
+            raise CaseError("auto is not a value of this axis; give a speed, in m/s or with its unit")
         if changed.model_dump() == case.model_dump():
-            raise CaseError("that is what the case has; it is the point base")
+            raise CaseError("this is the value of the case; that is the point base")
         variant = _variant(case, basis, axis, value)
         error = refusal(variant)
     except CaseError as wrong:
         error = wrong
     if error is not None:
         raise CaseError(error.message, place=place) from None
-    return Rung(axis, variant)
+    return StudyVariant(axis, variant)
 
 
 def _variant(case: Case, basis: Basis, axis: str, value: str) -> Variant:
@@ -198,7 +198,7 @@ def _changes(case: Case, basis: Basis, axis: str, value: str) -> dict[str, str]:
     return changes
 
 
-def _combined(case: Case, single: Sequence[Rung]) -> Iterator[Rung]:
+def _combined(case: Case, single: Sequence[StudyVariant]) -> Iterator[StudyVariant]:
     """Coarsest with fastest, which is the cheapest; finest in two fillings, which is the best."""
 
     def factor(variant: Variant) -> float:
@@ -207,26 +207,28 @@ def _combined(case: Case, single: Sequence[Rung]) -> Iterator[Rung]:
     def speed(variant: Variant) -> float:
         return float(varied(case, variant.changes).dem.plate_speed)
 
-    sizes = [rung.variant for rung in single if rung.axis in ("", "coarse_grain_factor")]
-    speeds = [rung.variant for rung in single if rung.axis == "plate_speed"]
+    sizes = [one.variant for one in single if one.axis in ("", "coarse_grain_factor")]
+    speeds = [one.variant for one in single if one.axis == "plate_speed"]
     if speeds and (size := max(sizes, key=factor)).changes:
         fast = max(speeds, key=speed)
-        yield Rung(CHEAP, Variant(f"{size.name}-{fast.name}", size.changes | fast.changes))
+        yield StudyVariant(CHEAP, Variant(f"{size.name}-{fast.name}", size.changes | fast.changes))
     if (size := min(sizes, key=factor)).changes:
-        yield Rung(BEST, Variant(f"{size.name}-replicas-2", size.changes | {"dem.replicas": "2"}))
+        yield StudyVariant(BEST, Variant(f"{size.name}-replicas-2", size.changes | {"dem.replicas": "2"}))
 
 
-def affordable(rungs: Sequence[Rung], cost: Callable[[Rung], float], budget: float) -> tuple[list[Rung], list[Rung]]:
-    """Rungs that a budget allows and those that it does not, the dearest dropped first, the case itself never.
+def affordable(
+    variants: Sequence[StudyVariant], cost: Callable[[StudyVariant], float], budget: float
+) -> tuple[list[StudyVariant], list[StudyVariant]]:
+    """Variants within a budget and those dropped, the most expensive first; the case itself stays.
 
     Parameters
     ----------
-    cost : of a rung, in the unit of the budget
+    cost : of a variant, in the unit of the budget
     """
-    costs = {rung.variant.name: cost(rung) for rung in rungs}
-    kept, dropped = list(rungs), []
-    while sum(costs[rung.variant.name] for rung in kept) > budget and len(kept) > 1:
-        dearest = max(kept[1:], key=lambda rung: costs[rung.variant.name])
+    costs = {one.variant.name: cost(one) for one in variants}
+    kept, dropped = list(variants), []
+    while sum(costs[one.variant.name] for one in kept) > budget and len(kept) > 1:
+        dearest = max(kept[1:], key=lambda one: costs[one.variant.name])
         kept.remove(dearest)
         dropped.append(dearest)
     return kept, dropped
