@@ -93,7 +93,12 @@ Axes = Mapping[str, Sequence[str]]
 
 
 def read_axes(words: Iterable[str]) -> Axes:
-    """``name`` or ``name=value,value`` → axes; CaseError for one that there is not."""
+    """``name`` or ``name=value,value`` → axes.
+
+    Raises
+    ------
+    CaseError : no such axis, or no values after the equals sign
+    """
     found: dict[str, list[str]] = {}
     for word in words:
         name, given, text = word.partition("=")
@@ -228,9 +233,9 @@ def affordable(
     costs = {one.variant.name: cost(one) for one in variants}
     kept, dropped = list(variants), []
     while sum(costs[one.variant.name] for one in kept) > budget and len(kept) > 1:
-        dearest = max(kept[1:], key=lambda one: costs[one.variant.name])
-        kept.remove(dearest)
-        dropped.append(dearest)
+        costliest = max(kept[1:], key=lambda one: costs[one.variant.name])
+        kept.remove(costliest)
+        dropped.append(costliest)
     return kept, dropped
 
 

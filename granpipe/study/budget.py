@@ -1,4 +1,4 @@
-"""What an error is made of, which ways to make a field are worth their time, and which one to take."""
+"""The parts of an error, the options that no other beats, and which of them to recommend."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class ErrorBound:
 
     @property
     def resolved(self) -> bool:
-        """Whether it stands out of the noise: it is larger than its own uncertainty."""
+        """Whether it is larger than its own uncertainty."""
         return 2 * self.value**2 > self.upper**2
 
     def __str__(self) -> str:
@@ -110,7 +110,7 @@ class Advice:
 
 
 def advise(options: Sequence[Option], tolerance: float, section: str = "whole") -> Advice:
-    """The cheapest option that is good enough, beyond doubt if there is one."""
+    """The cheapest option within the tolerance, by its 95 % bound if there is one, else by its estimate."""
     for proven in (True, False):
         good = [
             o

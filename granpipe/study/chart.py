@@ -1,4 +1,4 @@
-"""The chart of a study: error against time, every option with its error bar, and the front of those worth it."""
+"""The chart of a study: error against time, every option with its error bar, and the Pareto front."""
 
 from __future__ import annotations
 

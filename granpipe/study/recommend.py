@@ -1,7 +1,7 @@
-"""`granpipe run --total-error`: the cheapest setting that a study has found good enough.
+"""`granpipe run --total-error`: the cheapest settings that a study rates within ERROR.
 
-A study of the same scene, the user's own or one that granpipe brings along, is taken at its word. For any other scene
-the studies that granpipe brings along are a guess: their settings are carried over in the scene's own measures.
+A study of the same scene, the user's own or one that is part of granpipe, gives error and time as measured. For any
+other scene the settings of granpipe's studies are scaled to it, and their error is only a guess.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from granpipe.study.points import study_name
 from granpipe.study.report import read_study
 
 SHIPPED = Path(__file__).parents[1] / "templates" / "studies"
-"""Studies that granpipe brings along, as their ``study.json``; made by ``benchmarks/study.py``."""
+"""Studies that are part of granpipe, as their ``study.json``; made by ``benchmarks/study.py``."""
 
 _SETTLED = (
     ("contact", "youngs_modulus"),
@@ -72,17 +72,17 @@ class Recommendation:
         size = f"{percent(error.value)}, at most {percent(error.upper)}"
         if self.guessed:
             return (
-                f"no study of this scene; as {which}, in this scene's measures: there the error was {size}; here that "
+                f"no study of this scene; as {which}, scaled to this scene: there the error was {size}; here that "
                 "is a guess, which granpipe study would test"
             )
-        sure = "" if self.proven else " (the study could not prove it)"
+        sure = "" if self.proven else " (its 95 % bound is above the tolerance)"
         what = "of the finite elements, not of the fluid as a model" if math.isinf(option.blocks) else "of error"
         cores = "one core" if option.cores == 1 else f"{option.cores} cores"
         return f"{which}: expecting {size} {what}{sure}, in {option.seconds:.3g} s on {cores} of the study's machine"
 
     @property
     def _marks(self) -> tuple[str, ...]:
-        """What lies outside granpipe's own rules, so that the run ends with a failed gate; the study has tried it."""
+        """Settings outside granpipe's rules, for which the run will be marked; the study has tested them."""
         return make_plan(self.file.case).breaches
 
     def obtained(self, folder: Path) -> str:
@@ -91,7 +91,7 @@ class Recommendation:
         took = f"took {provenance.wall_seconds:.0f} s"
         noise = dict(provenance.numbers).get("statistical_error.whole")
         if noise is None:
-            return f"{took}; this method does not tell its statistical error"
+            return f"{took}; this method gives no statistical error"
         rest = self.option.systematic["whole"]
         source = "guessed from another scene" if self.guessed else "from the study"
         return (
@@ -101,9 +101,11 @@ class Recommendation:
 
 
 def recommend(file: CaseFile, results: Path, tolerance: float) -> Recommendation:
-    """The cheapest option that is good enough, of a study of the case or else of another scene.
+    """The cheapest option within the tolerance, from a study of this scene or else of another one.
 
-    CaseError where no study has one.
+    Raises
+    ------
+    CaseError : no study has such an option, or the study in the results folder is of another scene
     """
     own = results / study_name(file.case) / "study.json"
     if own.is_file() and _scene(read_study(own).case) != _scene(file.case):
@@ -119,7 +121,7 @@ def recommend(file: CaseFile, results: Path, tolerance: float) -> Recommendation
 
 
 def shipped() -> Iterator[Path]:
-    """The studies that granpipe brings along."""
+    """The studies that are part of granpipe."""
     return iter(sorted(SHIPPED.glob("*.json")))
 
 
@@ -160,7 +162,7 @@ def _changed(case: Case, changes: dict[str, str]) -> CaseFile:
 
 
 def _guess(case: Case, tolerance: float, own: Path) -> Recommendation:
-    """An option of the first study that granpipe brings along whose setting this scene can take over."""
+    """An option of granpipe's first study, its settings scaled to this scene."""
     particles = varied(case, {"model": "dem"})
     for study in shipped():
         former = read_study(study)
@@ -170,7 +172,7 @@ def _guess(case: Case, tolerance: float, own: Path) -> Recommendation:
         changes = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
         where = f"of granpipe's study of {study.stem}"
         return Recommendation(_changed(case, changes), option, changes, where, proven, guessed=True)
-    raise CaseError(f"there is no {own}; make one with granpipe study", place="--total-error")
+    raise CaseError(f"file not found: {own}; make it with granpipe study", place="--total-error")
 
 
 def carried_over(model: Plan, case: Case) -> dict[str, str]:

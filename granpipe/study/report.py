@@ -149,13 +149,13 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
 
 
 def _particle_sections(found: Findings) -> Iterator[Section]:
-    """What points with particles tell."""
+    """Sections on the points with particles."""
     axes = [fit.axis for fit in found.axis_fits]
     yield Section(
         "Error budget",
         [
             "What each setting adds against the limit of its axis: the material's own size, no speed, no softness, no "
-            "step. All parts together let a difference from the reference be expected, beside the measured one.",
+            "step. The sum of all parts is the expected difference from the reference, next to the measured one.",
             *map(_axis_fit_text, found.axis_fits),
         ],
         head=("point", "statistical", *axes, "all parts, from the reference", "measured, from the reference"),
@@ -165,7 +165,7 @@ def _particle_sections(found: Findings) -> Iterator[Section]:
         "Effects",
         [
             "What a change of the case does to the time and to the field. For a shorter average of the case's own run "
-            "that is the noise it adds; what a method changes stands under Methods."
+            "that is the noise it adds; for the effect of a method see Methods."
         ],
         head=("change", "against the case's time", "difference from the case"),
         rows=[(name, f"× {times:.2f}", str(part)) for name, times, part in _effects(found)],
@@ -176,8 +176,8 @@ def _particle_sections(found: Findings) -> Iterator[Section]:
         "Measures",
         [
             "Differences from the reference. Temperature: w D/κ = 100 at the outlet, feed at 0, walls and obstacles "
-            "at 1. A row of halves is the difference between those of the reference's own run: what is not larger "
-            "is no more than noise."
+            "at 1. Halves of the reference: the difference between both halves of its run; smaller "
+            "differences are noise."
         ],
         head=("point", *names),
         rows=[
