@@ -38,6 +38,7 @@ class _Group(click.Group):
             click.echo(f"granpipe: {error}", err=True)
             sys.exit(error.exit_status)
         except KeyboardInterrupt:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not change the exit status
             click.echo("granpipe: interrupted; run the same command again to continue", err=True)
             sys.exit(INTERRUPTED)
         except BrokenPipeError:

@@ -21,7 +21,7 @@ from granpipe.homogenize.average import Sums
 from granpipe.pipeline.averages import reference_range
 
 _VOLUMES = ("volume", "flow_r", "flow_z", "gain", "level_flow", "solids")
-_EXTRA_VOLUMES = ("class_volume",)
+_EXTRA_SCALED = ("class_volume", "wall_force")  # the bed's weight goes with its packing, and so do forces on walls
 
 
 def reference_overlap(snapshot: Snapshot, case: Case, outline: Outline, grid: Grid) -> Overlap:
@@ -37,8 +37,8 @@ def rigid_share(overlap: float) -> float:
     return (1 - overlap) ** 3
 
 
-def as_rigid(parts: Sequence[Sums], overlap: float) -> list[Sums]:
-    """Segments with all solids volumes and flows as they would be in a bed of rigid particles at the same velocities.
+def as_rigid(segments: Sequence[Sums], overlap: float) -> list[Sums]:
+    """Segments with solids volumes, flows and wall forces as in a bed of rigid particles at the same velocities.
 
     Velocities, F/φ, stay; the packing is that of the material, and with it ρ_ref = ρ_s φ_ref.
     """
@@ -47,7 +47,7 @@ def as_rigid(parts: Sequence[Sums], overlap: float) -> list[Sums]:
         replace(
             sums,
             **{name: share * getattr(sums, name) for name in _VOLUMES},
-            extra={name: share * value if name in _EXTRA_VOLUMES else value for name, value in sums.extra.items()},
+            extra={name: share * value if name in _EXTRA_SCALED else value for name, value in sums.extra.items()},
         )
-        for sums in parts
+        for sums in segments
     ]
