@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+import psutil
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Box, Grid
@@ -65,18 +64,10 @@ def _range(found: Survey, frame: Frame, axis: str) -> Range:
 def _check_memory(cells: Array, segments: int) -> None:
     """Refuse a grid whose sums do not fit into the memory that is free."""
     needed = 8 * float(np.prod(cells)) * (_SUMS * segments + _ARRAYS)
-    free = _free_memory()
+    free = psutil.virtual_memory().available
     if needed > free:
         larger = (needed / free) ** (1 / len(cells))
         raise DataError(
             f"a grid of {' × '.join(f'{n:.0f}' for n in cells)} cells takes {needed / 1e9:.3g} GB of memory, of which "
             f"{free / 1e9:.3g} GB are free; make --cell {larger:.2g} times larger, or give smaller ranges"
         )
-
-
-def _free_memory() -> float:
-    """Bytes that can be had without swapping."""
-    for line in Path("/proc/meminfo").read_text().splitlines():
-        if line.startswith("MemAvailable:"):
-            return 1024.0 * float(line.split()[1])
-    return np.inf

@@ -29,12 +29,15 @@ DISK_WANTED = 1e9
 
 PACKAGES = {
     "click": "the command line",
+    "ezdxf": "walls from a DXF drawing",
     "gmsh": "wall surfaces for LIGGGHTS, meshes for the fluid",
     "jinja2": "LIGGGHTS decks",
     "matplotlib": "pictures on the r–z plane",
     "meshio": "mesh files",
+    "numba": "averaging",
     "numpy": "everything",
     "pint": "units in the case",
+    "psutil": "how much memory is free",
     "pydantic": "reading the case",
     "pymetis": "the fluid solve",
     "pyvista": "pictures in 3-D, VTK files",
@@ -42,6 +45,7 @@ PACKAGES = {
     "rich": "progress on the terminal",
     "scikit-fem": "the fluid solve",
     "scipy": "homogenizing, the fluid solve",
+    "shapely": "drawings, points inside the vessel",
 }
 """Every Python package that granpipe depends on, and what for."""
 

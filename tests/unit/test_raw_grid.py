@@ -1,6 +1,7 @@
 """The grid round dumps that a user brings: its ends, and what is refused."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -52,7 +53,7 @@ def test_particles_are_cut_at_the_ends_of_a_depth_that_is_given_only() -> None:
 
 
 def test_a_grid_that_does_not_fit_into_memory_is_refused_with_its_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_free_memory", lambda: 1e9)
+    monkeypatch.setattr(module.psutil, "virtual_memory", lambda: SimpleNamespace(available=1e9))
     wide = survey((-0.9, 0.02, -4), (0.9, 0.18, 4))
     with pytest.raises(DataError, match=r"184 × 20 × 804 cells takes 2\.7 GB .* 1 GB are free; make --cell 1\.4 times"):
         grid_round(wide, Frame("xyz", 0.01), 14)
