@@ -11,7 +11,6 @@ import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -21,9 +20,10 @@ from granpipe.dem.contact import GRAVITY
 from granpipe.dem.settings import Settings, slab_height
 from granpipe.errors import CaseError
 from granpipe.field import Frustum
+from granpipe.system.templates import templates
 
 if TYPE_CHECKING:
-    import jinja2
+    pass
 
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
 
@@ -178,20 +178,10 @@ def make_deck(
 
 def render(deck: Deck, template: str) -> str:
     """Text of ``fill.in`` or ``produce.in``."""
-    text = _environment().get_template(f"{template}.j2").render(deck=deck, version=granpipe.__version__)
-    return re.sub(r"\n{3,}", "\n\n", text) + "\n"
-
-
-@cache
-def _environment() -> jinja2.Environment:
-    """Kept, for compiling the templates takes longer than filling them in."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("granpipe"), undefined=jinja2.StrictUndefined, autoescape=False, trim_blocks=False
-    )
+    environment = templates(trim_blocks=False)
     environment.filters |= {"num": _number, "nums": lambda values: " ".join(map(_number, values))}
-    return environment
+    text = environment.get_template(f"{template}.j2").render(deck=deck, version=granpipe.__version__)
+    return re.sub(r"\n{3,}", "\n\n", text) + "\n"
 
 
 def _number(value: float) -> str:

@@ -8,7 +8,6 @@ silent for is limited: the kernel caps each file, the rest is looked at while it
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import math
 import os
 import re
@@ -22,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granpipe.errors import RunError
+from granpipe.system.children import DieWithParent
 from granpipe.system.interrupts import suspended_too
 from granpipe.system.programs import find_program
 
@@ -31,7 +31,6 @@ DONE = "granpipe: done"
 _POLL = 0.2  # s
 _BLOCK = 1 << 22  # bytes of output taken in at a time
 _MEMORY_EVERY = 2.0  # s
-_PR_SET_PDEATHSIG = 1
 _PAGE = os.sysconf("SC_PAGE_SIZE")  # bytes
 _TICKS = os.sysconf("SC_CLK_TCK")  # a second
 
@@ -196,7 +195,7 @@ class Liggghts:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=_InChild(self.limits.file_bytes, os.getpid(), self.ranks),
+                preexec_fn=_InChild(self.limits.file_bytes, self.ranks),
             )
         self._beside.enter_context(suspended_too(lambda: self._signal(signal.SIGSTOP), self._go_on))
         return self
@@ -370,15 +369,13 @@ def _resident(process: int) -> int:
 class _InChild:
     """Runs in the child before LIGGGHTS does: dies with its parent, caps its files, writes no core."""
 
-    def __init__(self, file_cap: int, parent: int, ranks: int) -> None:
-        self.file_cap, self.parent = file_cap, parent
-        self.end = signal.SIGKILL if ranks == 1 else signal.SIGTERM  # mpirun has ranks to end; a stopped process none
-        self.libc = ctypes.CDLL(None)  # loaded here: importing after a fork is not safe
+    def __init__(self, file_cap: int, ranks: int) -> None:
+        self.file_cap = file_cap
+        # mpirun has ranks to end; a stopped process none
+        self.die_with_parent = DieWithParent(signal.SIGKILL if ranks == 1 else signal.SIGTERM)
 
     def __call__(self) -> None:
-        self.libc.prctl(_PR_SET_PDEATHSIG, self.end)
-        if os.getppid() != self.parent:
-            os._exit(1)
+        self.die_with_parent()
         resource.setrlimit(resource.RLIMIT_FSIZE, (self.file_cap, self.file_cap))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 

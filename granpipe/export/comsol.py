@@ -18,6 +18,7 @@ from granpipe import __version__
 from granpipe.export.balance import Balance, balance_of
 from granpipe.export.nodes import Nodes, nodal_values, triangles
 from granpipe.field import Array, Field
+from granpipe.system.templates import templates
 
 MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 
@@ -170,20 +171,19 @@ def _levels(balance: Balance) -> Iterator[str]:
 
 def _java(field: Field, sections: list[Column], name: str, solids_density: float) -> str:
     """The class that adds functions, parameters and variables to a COMSOL model."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("granpipe"), undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=False
-    )
-    return environment.get_template("import_comsol.java.j2").render(
-        name=name,
-        version=__version__,
-        functions=sections,
-        conserving=field.psi is not None,
-        flow_rate=_number(field.bulk_flow * field.flow_scale),
-        reference_density=_number(solids_density * field.bulk_packing),
-        solids_density=_number(solids_density),
-        reference_packing=_number(field.bulk_packing),
+    return (
+        templates()
+        .get_template("import_comsol.java.j2")
+        .render(
+            name=name,
+            version=__version__,
+            functions=sections,
+            conserving=field.psi is not None,
+            flow_rate=_number(field.bulk_flow * field.flow_scale),
+            reference_density=_number(solids_density * field.bulk_packing),
+            solids_density=_number(solids_density),
+            reference_packing=_number(field.bulk_packing),
+        )
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from granpipe.errors import DataError
 from granpipe.system.jsonfile import read_json
+from granpipe.system.templates import templates
 
 BULK_TEXT = (
     "Soft particles overlap and pack too densely; packings and solids flows are corrected for it by the factor below, "
@@ -38,15 +39,6 @@ class Section:
 
 def write_page(path: Path, title: str, intro: Sequence[str], sections: Sequence[Section]) -> None:
     """Write the page; pictures go into it."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("granpipe"),
-        undefined=jinja2.StrictUndefined,
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     parts = [
         {
             "title": section.title,
@@ -57,7 +49,7 @@ def write_page(path: Path, title: str, intro: Sequence[str], sections: Sequence[
         }
         for section in sections
     ]
-    page = environment.get_template("report.html.j2").render(title=title, intro=intro, parts=parts)
+    page = templates(html=True).get_template("report.html.j2").render(title=title, intro=intro, parts=parts)
     path.write_text(page, encoding="utf-8")
 
 

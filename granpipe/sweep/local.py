@@ -7,7 +7,6 @@ it needs, so a worker takes several of them.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import signal
 import subprocess
@@ -23,6 +22,7 @@ from granpipe.sweep.folder import Folder
 from granpipe.sweep.points import Point
 from granpipe.sweep.queue import queued
 from granpipe.sweep.state import State
+from granpipe.system.children import DieWithParent
 from granpipe.system.cores import VARIABLE
 from granpipe.system.pool import Task, run_together
 
@@ -31,7 +31,6 @@ CHUNK = 25
 
 _POLL = 0.05  # s
 _PATIENCE = 30.0  # s; LIGGGHTS is given time to end
-_PR_SET_PDEATHSIG = 1
 
 
 def run_here(folder: Folder, points: Sequence[Point], cores: int, progress: Progress) -> None:
@@ -125,7 +124,7 @@ def _worker(folder: Folder, names: Sequence[str], ranks: int, log: Path) -> Iter
             stderr=subprocess.STDOUT,
             env=os.environ | {"OMP_NUM_THREADS": str(ranks), VARIABLE: str(ranks)},
             start_new_session=True,
-            preexec_fn=_DieWithParent(),
+            preexec_fn=DieWithParent(),
         )
     try:
         yield process
@@ -135,15 +134,3 @@ def _worker(folder: Folder, names: Sequence[str], ranks: int, log: Path) -> Iter
             process.wait(_PATIENCE)
         process.kill()
         process.wait()
-
-
-class _DieWithParent:
-    """Runs in the child before Python does."""
-
-    def __init__(self) -> None:
-        self.libc, self.parent = ctypes.CDLL(None), os.getpid()  # loaded here: importing after a fork is not safe
-
-    def __call__(self) -> None:
-        self.libc.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() != self.parent:
-            os._exit(1)

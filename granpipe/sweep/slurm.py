@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.errors import RunError
+from granpipe.system.templates import templates
 
 PATIENCE = 60.0
 """How long a command of Slurm may take [s]."""
@@ -37,12 +38,7 @@ class Element:
 
 def script(name: str, values: dict[str, Any]) -> str:
     """A batch script from a template; every value is either a number or matches a strict pattern."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    environment = Environment(
-        loader=PackageLoader("granpipe"), undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True
-    )
-    return environment.get_template(name).render(values)
+    return templates(keep_trailing_newline=True).get_template(name).render(values)
 
 
 def plain_path(path: Path) -> str:
