@@ -22,6 +22,7 @@ from granpipe.system.files import digest
 from granpipe.system.locks import Owner, locked
 from granpipe.system.publish import lock_file
 from granpipe.system.store import Store
+from granpipe.system.surroundings import require_memory
 from granpipe.system.versions import library_versions, program_versions
 
 
@@ -50,6 +51,7 @@ def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | N
     begun = time.monotonic()
     folder, store, cores = results / file.case.name, store or Store(results / ".store"), usable_cores()
     plan = plan_case(file, cores)
+    require_memory()
     with store.in_use(), _alone(folder, store):
         return _run(file, plan, folder, Context(store, _versions(file, plan, store), progress, cores), begun)
 

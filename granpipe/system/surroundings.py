@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import os
+import resource
 import shutil
 import sys
 import tempfile
@@ -12,7 +13,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
+from granpipe.errors import RunError
+
 _CACHES = ("NUMBA_CACHE_DIR", "MPLCONFIGDIR")
+
+LEAST_ADDRESS_SPACE = 800_000 * 1024
+"""Bytes with which a fluid run was seen to end well; with half of them gmsh's library does not load."""
 
 
 class Lossy:
@@ -76,3 +82,18 @@ def own_style(changes: dict[Any, Any]) -> Iterator[None]:
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(changes)
         yield
+
+
+def require_memory() -> None:
+    """Make sure that the limit on address space (``ulimit -v``) leaves room for the libraries of a run.
+
+    Raises
+    ------
+    RunError : it does not
+    """
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < LEAST_ADDRESS_SPACE:
+        raise RunError(
+            f"the limit on address space is {limit / 1e6:.0f} MB, too little for the libraries of a run; raise it, "
+            f"such as with `ulimit -v {LEAST_ADDRESS_SPACE // 1024}`, or ask the cluster for more memory"
+        )

@@ -73,3 +73,17 @@ def test_calibrate_is_refused_before_it_measures(tmp_path: Path) -> None:
     assert done.returncode == 3
     assert re.search(r"not writable; give a writable folder in XDG_CACHE_HOME", done.stderr)
     assert "settle" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        ('ulimit -v 400000; "$@"', "the limit on address space is 410 MB"),
+        ('PATH=/nowhere; "$@" --set model=dem', "liggghts is not installed"),
+    ],
+)
+def test_what_a_run_lacks_is_told_before_the_work(command: str, told: str, tmp_path: Path) -> None:
+    done = in_shell(command, tmp_path)
+    assert (done.returncode, told in done.stderr) == (3, True), done.stderr
+    assert "fluid" not in done.stderr
+    assert "walls" not in done.stderr
