@@ -12,6 +12,7 @@ from granpipe.pipeline.provenance import Provenance
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.status import Standing, standings
 from granpipe.sweep.table import Row, draw, longest_axis, write_csv, write_netcdf
+from granpipe.system.files import replace_whole, unique
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,22 @@ def write_table(folder: Folder) -> Written:
     result = Written(found, [], [])
     for name, write in writers.items():
         try:
-            write(folder.root / name)
+            _write_aside(write, folder.root / name)
         except GranpipeError as error:
             result.problems.append(error)
         else:
             result.files.append(folder.root / name)
     return result
+
+
+def _write_aside(write: Callable[[Path], None], path: Path) -> None:
+    """Write a file by one rename: two jobs of a sweep may write its table at the same moment."""
+    aside = unique(path, path.suffix)
+    try:
+        write(aside)
+        replace_whole(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
 
 
 def _varied_keys(folder: Folder) -> list[str]:

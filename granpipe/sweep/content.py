@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +12,7 @@ from pydantic import Field
 from granpipe.case.yamlfile import MAX_BYTES
 from granpipe.errors import DataError
 from granpipe.sweep.variants import Variant
+from granpipe.system.files import write_whole
 from granpipe.system.jsonfile import read_json
 from granpipe.system.reading import read_bytes, reason
 
@@ -44,10 +44,10 @@ class Content:
         """Write it down, for the processes that run the points."""
         points = [asdict(variant) for variant in self.variants.values()]
         plan = {"axes": self.axes, "chart": self.chart, "table": self.table, "points": points}
-        replace_text(folder / "case.yaml", self.text)
-        replace_text(folder / "points.json", json.dumps(plan, indent=1, ensure_ascii=False))
+        write_whole(folder / "case.yaml", self.text)
+        write_whole(folder / "points.json", json.dumps(plan, indent=1, ensure_ascii=False))
         for name, text in self.beside.items():
-            replace_text(folder / name, text)
+            write_whole(folder / name, text)
 
     @classmethod
     def read(cls, folder: Path) -> Content:
@@ -70,10 +70,3 @@ class _Stored:
     chart: tuple[str, ...]
     table: tuple[str, ...]
     points: Annotated[tuple[Variant, ...], Field(min_length=1)]
-
-
-def replace_text(path: Path, text: str) -> None:
-    """Write a file by one rename."""
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
-    aside.write_text(text, encoding="utf-8")
-    aside.replace(path)

@@ -6,9 +6,9 @@ import json
 from dataclasses import asdict, dataclass
 
 from granpipe.sweep import slurm
-from granpipe.sweep.content import replace_text
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.slurm import Element
+from granpipe.system.files import write_whole
 from granpipe.system.jsonfile import read_json
 
 
@@ -66,4 +66,4 @@ def jobs_of(folder: Folder) -> list[Job]:
 
 def write_jobs(folder: Folder, jobs: list[Job]) -> None:
     """Note what was submitted."""
-    replace_text(folder.root / "slurm" / "jobs.json", json.dumps(asdict(Jobs(jobs))))
+    write_whole(folder.root / "slurm" / "jobs.json", json.dumps(asdict(Jobs(jobs))))

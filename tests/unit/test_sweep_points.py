@@ -152,3 +152,14 @@ def test_a_column_that_is_not_there_costs_the_chart_alone(tmp_path):
     )
     with written.files[0].open(newline="") as file:
         assert [row["point"] for row in csv.DictReader(file)] == ["p0", "p1"]
+
+
+def test_two_jobs_may_write_the_table_at_the_same_moment(tmp_path: Path) -> None:
+    """HDF5 locks the file that it writes: a second writer must not meet the first one's."""
+    h5py = pytest.importorskip("h5py")
+    folder = done_folder(tmp_path, ["2", "3"], ())
+    object.__setattr__(folder.content, "table", ("csv", "netcdf"))
+    with h5py.File(folder.root / "table.nc", "w"):
+        written = write_table(folder)
+    assert written.problems == []
+    assert not list(folder.root.glob(".table*"))
