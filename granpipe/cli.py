@@ -462,7 +462,7 @@ def study(
         where = f"granpipe sweep status {prepared.folder.root}"
         click.echo(f"quality gates failed in {', '.join(names)}; see {where}", err=True)
     for one in missing:
-        click.echo(f"{one.name}: {one.text or one.word}", err=True)
+        click.echo(f"{one.name}: {one.text or one.state}", err=True)
     for file in files:
         click.echo(f"wrote {file}")
     if missing:
@@ -523,9 +523,9 @@ def sweep_run(
 @_RESULTS
 def sweep_status(file: Path, results: Path) -> None:
     """Show the state of every point of FILE."""
-    from granpipe.sweep.status import standings, status_text
+    from granpipe.sweep.status import status_text, statuses
 
-    click.echo(status_text(standings(_sweep_folder(file, results))))
+    click.echo(status_text(statuses(_sweep_folder(file, results))))
 
 
 @sweep.command("cancel")
@@ -583,17 +583,17 @@ def _write_table(folder: Folder) -> None:
     from granpipe.sweep.status import summary
 
     written = write_table(folder)
-    for one in written.standings:
-        if one.word == "failed":
+    for one in written.statuses:
+        if one.state == "failed":
             click.echo(f"{one.name}: {one.text}", err=True)
-    click.echo(summary(written.standings))
+    click.echo(summary(written.statuses))
     for file in written.files:
         click.echo(f"wrote {file}")
     for problem in written.problems:
         click.echo(f"granpipe: {problem}", err=True)
-    if written.problems or any(one.word != "done" for one in written.standings):
+    if written.problems or any(one.state != "done" for one in written.statuses):
         sys.exit(GranpipeError.exit_status)
-    if any(one.text for one in written.standings):
+    if any(one.text for one in written.statuses):
         sys.exit(QUALITY_FAILED)
 
 

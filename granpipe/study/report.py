@@ -23,7 +23,7 @@ from granpipe.study.chart import draw_curves, draw_effects, draw_options
 from granpipe.study.findings import AxisFit, Effect, Findings
 from granpipe.study.fluid import Solve
 from granpipe.sweep.folder import Folder
-from granpipe.sweep.status import Standing
+from granpipe.sweep.status import PointStatus
 from granpipe.sweep.table import Row, write_csv
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.rates import machine
@@ -41,7 +41,7 @@ def write_study(
     found: Findings,
     solves: Sequence[Solve],
     other: Plan | None,
-    missing: Sequence[Standing],
+    missing: Sequence[PointStatus],
 ) -> list[Path]:
     """Write everything into the study's folder.
 
@@ -193,8 +193,8 @@ def _particle_sections(found: Findings) -> Iterator[Section]:
     )
 
 
-def _without_result(missing: Sequence[Standing]) -> Section:
-    rows = [(one.name, one.word, one.text) for one in missing]
+def _without_result(missing: Sequence[PointStatus]) -> Section:
+    rows = [(one.name, one.state, one.text) for one in missing]
     return Section("Points without a result", head=("point", "", "why"), rows=rows)
 
 

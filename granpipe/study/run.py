@@ -15,7 +15,7 @@ from granpipe.study.points import Study
 from granpipe.study.report import write_study
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.points import Point, plan_points
-from granpipe.sweep.status import Standing, standings
+from granpipe.sweep.status import PointStatus, statuses
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,14 @@ def prepare_study(study: Study, results: Path) -> Prepared:
     return Prepared(*plan_points(study.sweep(), results))
 
 
-def report_study(folder: Folder, other: Plan | None, progress: Progress) -> tuple[list[Path], list[Standing]]:
+def report_study(folder: Folder, other: Plan | None, progress: Progress) -> tuple[list[Path], list[PointStatus]]:
     """Compare what is done and write the report; returns its files and the points that are not done.
 
     RunError where the case itself is not done: there is nothing to compare then.
     """
-    missing = [one for one in standings(folder) if one.word != "done"]
+    missing = [one for one in statuses(folder) if one.state != "done"]
     if any(one.name == next(iter(folder.variants)) for one in missing):
-        raise RunError(f"the case itself is not done: {missing[0].text or missing[0].word}")
+        raise RunError(f"the case itself is not done: {missing[0].text or missing[0].state}")
     case = load_case(folder.case)
     progress.stage("points")
     points = load_points(folder, progress)

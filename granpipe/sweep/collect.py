@@ -10,7 +10,7 @@ from pathlib import Path
 from granpipe.errors import GranpipeError
 from granpipe.pipeline.provenance import Provenance
 from granpipe.sweep.folder import Folder
-from granpipe.sweep.status import Standing, standings
+from granpipe.sweep.status import PointStatus, statuses
 from granpipe.sweep.table import Row, draw, longest_axis, write_csv, write_netcdf
 from granpipe.system.files import replace_whole, unique
 
@@ -19,14 +19,14 @@ from granpipe.system.files import replace_whole, unique
 class Written:
     """The state of all points, the files that were written, and why others could not be."""
 
-    standings: list[Standing]
+    statuses: list[PointStatus]
     files: list[Path]
     problems: list[GranpipeError]
 
 
 def write_table(folder: Folder) -> Written:
     """Write the table and the chart from what is there; failed points have a row, too."""
-    found, content = standings(folder), folder.content
+    found, content = statuses(folder), folder.content
     keys = _varied_keys(folder)
     rows = [_row(folder, one, keys) for one in found]
     writers: dict[str, Callable[[Path], None]] = {}
@@ -34,7 +34,7 @@ def write_table(folder: Folder) -> Written:
         writers["table.csv"] = partial(write_csv, rows)
     if "netcdf" in content.table:
         writers["table.nc"] = partial(write_netcdf, rows)
-    done = [row for row, one in zip(rows, found, strict=True) if one.word == "done"]
+    done = [row for row, one in zip(rows, found, strict=True) if one.state == "done"]
     over = longest_axis(done, content.axes)
     if over is not None and content.chart:
         others = [axis for axis in content.axes if axis != over]
@@ -67,13 +67,13 @@ def _varied_keys(folder: Folder) -> list[str]:
     return [key for key in keys if len({one.get(key) for one in changes}) > 1]
 
 
-def _row(folder: Folder, standing: Standing, keys: Sequence[str]) -> Row:
-    """Changes, standing, quality figures and everything measured that is a single number."""
-    changes = folder.variants[standing.name].changes
-    row: dict[str, str | float] = {"point": standing.name, **{key: changes.get(key, "") for key in keys}}
-    row |= {"status": standing.word, "remark": standing.text}
-    if standing.word == "done":
-        row |= _measured(folder.points / standing.name)
+def _row(folder: Folder, status: PointStatus, keys: Sequence[str]) -> Row:
+    """Changes, status, quality figures and everything measured that is a single number."""
+    changes = folder.variants[status.name].changes
+    row: dict[str, str | float] = {"point": status.name, **{key: changes.get(key, "") for key in keys}}
+    row |= {"status": status.state, "remark": status.text}
+    if status.state == "done":
+        row |= _measured(folder.points / status.name)
     return row
 
 

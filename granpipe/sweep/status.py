@@ -15,63 +15,65 @@ from granpipe.sweep.queue import queued
 from granpipe.sweep.slurm import Element
 from granpipe.sweep.state import INTERRUPTED, State
 
-Word = Literal["done", "running", "waiting", "failed", "missing"]
+PointState = Literal["done", "running", "waiting", "failed", "missing"]
 
 QUIET = 300.0
 """A point on another machine that has not been heard of for so long is said to be quiet [s]."""
 
 
 @dataclass(frozen=True)
-class Standing:
+class PointStatus:
     """How one point stands, and a line about it."""
 
     name: str
-    word: Word
+    state: PointState
     text: str = ""
 
 
-def standings(folder: Folder) -> list[Standing]:
+def statuses(folder: Folder) -> list[PointStatus]:
     """Every point in order."""
     elements, here = queued(folder), folder.owner() is not None
-    return [_standing(folder, name, elements.get(name), here) for name in folder.variants]
+    return [_status(folder, name, elements.get(name), here) for name in folder.variants]
 
 
-def status_text(found: list[Standing]) -> str:
+def status_text(found: list[PointStatus]) -> str:
     """One line for each point, and the summary."""
     width = max(len(one.name) for one in found)
-    lines = [f"{one.name:<{width}}  {one.word:<7}  {next(iter(one.text.splitlines()), '')}".rstrip() for one in found]
+    lines = [f"{one.name:<{width}}  {one.state:<7}  {next(iter(one.text.splitlines()), '')}".rstrip() for one in found]
     return "\n".join([*lines, summary(found)])
 
 
 def marked(folder: Folder) -> list[str]:
     """Names of the points that are done but failed a quality gate."""
-    return [one.name for one in standings(folder) if one.word == "done" and one.text]
+    return [one.name for one in statuses(folder) if one.state == "done" and one.text]
 
 
-def summary(found: list[Standing]) -> str:
+def summary(found: list[PointStatus]) -> str:
     """``12 points: 3 done, 2 running, 7 waiting``."""
-    counts = Counter(one.word for one in found)
-    words: tuple[Word, ...] = ("done", "running", "waiting", "failed", "missing")
-    return f"{len(found)} points: " + ", ".join(f"{counts[word]} {word}" for word in words if counts[word])
+    counts = Counter(one.state for one in found)
+    states: tuple[PointState, ...] = ("done", "running", "waiting", "failed", "missing")
+    return f"{len(found)} points: " + ", ".join(f"{counts[state]} {state}" for state in states if counts[state])
 
 
-def _standing(folder: Folder, name: str, element: Element | None, here: bool) -> Standing:
+def _status(folder: Folder, name: str, element: Element | None, here: bool) -> PointStatus:
     state = folder.state(name)
     if folder.is_done(name) and state is not None:
-        return Standing(name, "done", "; ".join(f"quality gate failed: {gate}" for gate in state.gates))
+        return PointStatus(name, "done", "; ".join(f"quality gate failed: {gate}" for gate in state.gates))
     if element is not None and not element.runs:
-        return Standing(name, "waiting", f"job {element.job}: {element.reason}")
+        return PointStatus(name, "waiting", f"job {element.job}: {element.reason}")
     if element is not None and state is not None and state.error == INTERRUPTED:  # its job has begun anew
-        return Standing(name, "waiting", f"job {element.job}: starts")
+        return PointStatus(name, "waiting", f"job {element.job}: starts")
     if state is None or state.phase == "done":  # a point that comes later in its job, or of an earlier case
         waits = element is not None or here
-        return Standing(name, "waiting" if waits else "missing", "" if waits else "run the sweep again")
+        return PointStatus(name, "waiting" if waits else "missing", "" if waits else "run the sweep again")
     if state.phase == "failed":
-        return Standing(name, "failed", state.error)
+        return PointStatus(name, "failed", state.error)
     if (state.job and element is None and slurm.is_here()) or (not state.job and state.process_is_gone()):
         where = f"job {state.job}" if state.job else f"process {state.pid}"
-        return Standing(name, "failed", f"{where} ended without a word (killed, or its machine lost) at {_at(state)}")
-    return Standing(name, "running", ", ".join(_running(state)))
+        return PointStatus(
+            name, "failed", f"{where} ended without an error message (killed, or its machine lost) at {_at(state)}"
+        )
+    return PointStatus(name, "running", ", ".join(_running(state)))
 
 
 def _running(state: State) -> Iterator[str]:

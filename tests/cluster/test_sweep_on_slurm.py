@@ -239,7 +239,7 @@ def test_a_job_that_is_killed_is_shown_as_failed(story: Story) -> None:
     story.interrupted["killed"] = story.segments("killed")
     word, remark = story.status()["killed"]
     assert word == "failed"
-    assert "ended without a word" in remark
+    assert "ended without an error message" in remark
 
 
 def test_a_job_at_its_time_limit_goes_on_in_the_queue(story: Story) -> None:

@@ -11,7 +11,7 @@ from fakes.runs import run
 
 from granpipe.case.reader import read_case
 
-pytestmark = pytest.mark.liggghts
+pytestmark = [pytest.mark.liggghts, pytest.mark.slow]
 
 SHAFT = """\
 name: shaft

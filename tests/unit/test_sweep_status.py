@@ -25,7 +25,7 @@ from granpipe.sweep.jobs import cancel
 from granpipe.sweep.queue import jobs_of
 from granpipe.sweep.slurm import Element
 from granpipe.sweep.state import Recorder, State
-from granpipe.sweep.status import standings, summary
+from granpipe.sweep.status import statuses, summary
 from granpipe.sweep.variants import crossed
 
 HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
@@ -63,20 +63,20 @@ def write(folder, name, **what):
 
 
 def words(folder):
-    return [one.word for one in standings(folder)]
+    return [one.state for one in statuses(folder)]
 
 
 def test_without_a_trace_a_point_is_missing(folder, queue):
     assert words(folder) == ["missing"] * 3
-    assert summary(standings(folder)) == "3 points: 3 missing"
+    assert summary(statuses(folder)) == "3 points: 3 missing"
 
 
 def test_every_standing_is_told_apart(folder, queue):
     write(folder, "seed-0", phase="done", gates=("packing: 0.4, must be 0.5 to 0.68",))
     write(folder, "seed-1", stage="produce", fraction=0.4, text="3 min 10 s left")
     write(folder, "seed-2", phase="failed", error="LIGGGHTS ended with status 1")
-    done, running, failed = standings(folder)
-    assert (done.word, running.word, failed.word) == ("done", "running", "failed")
+    done, running, failed = statuses(folder)
+    assert (done.state, running.state, failed.state) == ("done", "running", "failed")
     assert "packing: 0.4" in done.text
     assert "produce 40% (3 min 10 s left)" in running.text
     assert failed.text == "LIGGGHTS ended with status 1"
@@ -109,7 +109,7 @@ def test_the_queue_is_believed_for_jobs(folder, queue):
         write(folder, name, job="7_1", host="node")
     queue["seed-0"] = Element("7_1", "RUNNING", "None")
     queue["seed-1"] = Element("7_2", "PENDING", "BeginTime")
-    waiting = standings(folder)[1]
+    waiting = statuses(folder)[1]
     assert words(folder) == ["running", "waiting", "failed"]
     assert waiting.text == "job 7_2: BeginTime"
 
@@ -143,7 +143,7 @@ def test_points_of_a_sweep_that_runs_here_wait(folder, queue):
 
 def test_looking_at_a_folder_writes_nothing_into_it(folder, queue):
     before = sorted(folder.root.rglob("*"))
-    standings(folder)
+    statuses(folder)
     assert "nothing to cancel" in cancel(folder)
     assert sorted(folder.root.rglob("*")) == before
 
@@ -213,7 +213,7 @@ def test_a_process_that_cannot_be_told_to_end_is_explained(folder, queue, monkey
 def test_a_damaged_list_of_points_is_refused_with_a_remedy(folder, text):
     (folder.root / "points.json").write_text(text)
     with pytest.raises(DataError, match=r"points\.json: damaged .*start the sweep or study again"):
-        standings(folder)
+        statuses(folder)
 
 
 @pytest.mark.parametrize("text", ["{}", "[]", '{"jobs": [{"job": "7"}]}', '{"jobs": [{"job": "7", "points": [1]}]}'])
@@ -227,7 +227,7 @@ def test_a_damaged_list_of_jobs_is_refused_with_a_remedy(folder, text):
 def test_a_case_that_is_no_text_is_refused(folder):
     folder.case.write_bytes(b"\xff\xfe")
     with pytest.raises(DataError, match=r"case\.yaml: damaged"):
-        standings(folder)
+        statuses(folder)
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path):
@@ -240,7 +240,7 @@ def test_a_thousand_points_are_told_in_less_than_two_seconds(tmp_path, queue):
     for name in folder.variants:
         write(folder, name, phase="done")
     begun = time.process_time()
-    assert summary(standings(Folder(folder.root))) == "1000 points: 1000 done"
+    assert summary(statuses(Folder(folder.root))) == "1000 points: 1000 done"
     assert time.process_time() - begun < 2
 
 
