@@ -217,6 +217,11 @@ def _areas(lines: Sequence[Line], tolerance: float) -> tuple[Polygon, list[tuple
     if len(through) != 1:
         raise CaseError(_unbounded(faces, (top, high), (bottom, low)))
     flow = Polygon(through[0])
+    for path in paths:  # polygons do not hold loose lines: a thin plate would be lost
+        loose = path.intersection(flow).difference(flow.boundary.buffer(tolerance))
+        if loose.length > 10 * tolerance:
+            r, z = loose.centroid.coords[0]
+            raise CaseError(f"a loose line inside the vessel near ({r:.9g}, {z:.9g}): close it, or take it out")
     drawn = [(line.layer, area) for line, path in zip(lines, paths, strict=True) for area in _closed(path, tolerance)]
     return flow, [(layer, area) for layer, area in drawn if not area.covers(flow.representative_point())]
 
