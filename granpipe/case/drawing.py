@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from granpipe.case.messages import case_error
-from granpipe.case.schema import DRAWING_KEYS, DrawingSpec
+from granpipe.case.outline import DRAWING_KEYS, DrawingSpec
 from granpipe.case.yamlfile import Places
 from granpipe.drawings.read import read_drawing
 from granpipe.errors import CaseError

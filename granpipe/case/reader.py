@@ -12,9 +12,10 @@ from pydantic import ValidationError
 
 from granpipe.case.drawing import with_drawing
 from granpipe.case.messages import case_error
+from granpipe.case.outline import DRAWING_KEYS, DrawingSpec, OutlineSpec
 from granpipe.case.overrides import override
 from granpipe.case.renamed import refuse_renamed
-from granpipe.case.schema import DRAWING_KEYS, Case, DrawingSpec, OutlineSpec
+from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places, read_yaml
 
 

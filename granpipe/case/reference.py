@@ -10,7 +10,8 @@ from typing import Any, get_args
 
 from pydantic.fields import FieldInfo
 
-from granpipe.case.schema import DRAWING_KEYS, Case, DrawingSpec, OutlineSpec
+from granpipe.case.outline import DRAWING_KEYS, DrawingSpec, OutlineSpec
+from granpipe.case.schema import Case
 from granpipe.case.values import Group, Kind, Short
 
 _INTRODUCTION = """\

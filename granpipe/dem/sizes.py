@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granpipe.case.schema import Lognormal, Normal, Size
+from granpipe.case.material import Lognormal, Normal, Size
 from granpipe.errors import CaseError
 from granpipe.field import Array
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from granpipe.case.schema import LEAST_PACKING
-from granpipe.case.schema import MOST_PACKING as MOST_CASE_PACKING
+from granpipe.case.material import LEAST_PACKING
+from granpipe.case.material import MOST_PACKING as MOST_CASE_PACKING
 from granpipe.dem import contact, health, settings
 from granpipe.fluid.direct import LARGEST_RESIDUAL
 from granpipe.homogenize.psi_field import MOST_STORAGE

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from granpipe.case.schema import MOST_PACKING, Case
+from granpipe.case.material import MOST_PACKING
+from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.geometry.openings import find_openings

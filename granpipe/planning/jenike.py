@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from granpipe.case.schema import Regime
+from granpipe.case.outline import Regime
 
 MARGIN = math.radians(3)
 """A hopper this near its limit may flow either way: usual design allowance."""

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
-from granpipe.case.schema import Case, Regime, Section, SectionModel
+from granpipe.case.outline import Regime, Section, SectionModel
+from granpipe.case.schema import Case
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import KeyPath
 from granpipe.geometry.outline import Outline

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
-from granpipe.case.schema import Case, OutlineSpec, Point, Polygon, Section
+from granpipe.case.outline import OutlineSpec, Point, Polygon, Section
+from granpipe.case.schema import Case
 from granpipe.errors import CaseError
 
 Side = Literal["above", "below"]

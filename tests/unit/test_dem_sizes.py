@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from granpipe.case.schema import Size
+from granpipe.case.material import Size
 from granpipe.dem.sizes import SizeClasses, size_classes
 
 

@@ -13,8 +13,9 @@ from click.testing import CliRunner
 from fakes.analytic_flow import COLUMNS, ConvergingFlow, binary_snapshot, snapshots, table, text_snapshot
 from numpy.typing import NDArray
 
+from granpipe.case.outline import OutlineSpec, Section
 from granpipe.case.reader import load_case
-from granpipe.case.schema import Case, OutlineSpec, Section
+from granpipe.case.schema import Case
 from granpipe.cli import main
 from granpipe.errors import DataError
 from granpipe.field import level_flow

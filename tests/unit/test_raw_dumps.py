@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from fakes.analytic_flow import COLUMNS, ConvergingFlow, binary_snapshot, snapshots, table, text_snapshot, write_dumps
 
+from granpipe.case.outline import OutlineSpec, Section
 from granpipe.case.reader import load_case
-from granpipe.case.schema import Case, OutlineSpec, Section
+from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import level_flow
 from granpipe.pipeline.dump_window import Frame, Request

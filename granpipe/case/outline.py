@@ -1,0 +1,187 @@
+"""Keys of `outline`: wall, obstacles and sections, or the drawing that gives them; values in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from granpipe.case.units import (
+    UnitError,
+    length_unit,
+    tidy,
+)
+from granpipe.case.values import (
+    File,
+    Group,
+    Identifier,
+    Levels,
+    OneOf,
+    Points,
+    Quantity,
+    Short,
+    refuse,
+)
+
+Point = tuple[float, float]
+
+
+Polygon = tuple[Point, ...]
+
+
+Regime = Literal["mass_flow", "funnel_flow", "undecided"]
+
+
+SectionModel = Literal["fluid", "dem"]
+
+
+Up = Literal["x", "-x", "y", "-y", "z", "-z"]
+
+
+LEVEL_TOLERANCE = 1e-9  # m; levels nearer than this are one level
+
+
+class Section(Group):
+    """A part of the vessel between two levels."""
+
+    short: ClassVar[str] = "z"
+
+    z: Annotated[tuple[float, float], Levels()] = Field(
+        description="Upper and lower level. Short form: the levels themselves, as in `a: [5.9, 4.9]`."
+    )
+    regime: Annotated[Regime | None, OneOf(Regime)] = Field(
+        default=None,
+        description="How the hopper flows (Jenike's terms), if you know it; overrides the formula. A wall "
+        "more than 60° from the vertical is a floor all the same.",
+    )
+    wall_factor: Annotated[float | None, Quantity(at_least=0, at_most=1)] = Field(
+        default=None,
+        description="Wall speed as a part of the mean vertical speed at that level, for the fluid model. "
+        "Unless given: 1 on straight walls, in hoppers by a law in wall friction and angle that was fit to DEM.",
+    )
+    model: Annotated[SectionModel | None, OneOf(SectionModel)] = Field(
+        default=None,
+        description="Model of this section; overrides the planner's choice.",
+    )
+
+    @property
+    def z_top(self) -> float:
+        """Upper level [m]."""
+        return self.z[0]
+
+    @property
+    def z_bottom(self) -> float:
+        """Lower level [m]."""
+        return self.z[1]
+
+
+class DrawingSpec(Group):
+    """The drawing that gives wall and obstacles."""
+
+    file: Annotated[str, File()] = Field(
+        description="Drawing of the vessel's inside, in place of `wall` and `obstacles`: DXF, CSV, COMSOL's .mphtxt, "
+        "STEP, BREP, STL or OBJ; relative to the folder of the case file. `granpipe outline FILE` shows what it holds."
+    )
+    axis: Annotated[float | None, Quantity()] = Field(
+        default=None,
+        description="Where the axis lies across the direction that points up, in the drawing's unit. Unless given, "
+        "found: on a layer axis, by symmetry, or at 0.",
+    )
+    up: Annotated[Up | None, OneOf(Up)] = Field(
+        default=None, description="Direction of the drawing that points up. Unless given: y in a plane, found in 3-D."
+    )
+    tolerance: Annotated[float | None, Quantity(above=0)] = Field(
+        default=None,
+        description="How far a curve may lie off the straight lines that stand for it, in the drawing's unit. Unless "
+        "given: 1e-4 of the drawing's size.",
+    )
+    unit: Annotated[str | None, Identifier()] = None
+
+
+DRAWING_KEYS = DrawingSpec.model_fields.keys() - {"unit"}
+"""Keys of `outline` that belong to a drawing; none is left in a resolved case."""
+
+
+class OutlineSpec(Group):
+    """The vessel's inside: half of its section through the axis."""
+
+    unit: Annotated[str, Identifier()] = Field(
+        default="m", description="Unit of every coordinate of the outline: m, cm, mm, ft, …."
+    )
+    wall: Annotated[Polygon, Points(at_least=2)] = Field(
+        description="Points [r, z] of the inner wall from the inlet (top) down to the outlet; two points at one level "
+        "make a ledge. Nothing overhangs: z never rises."
+    )
+    obstacles: dict[Annotated[str, Identifier()], Annotated[Polygon, Points(at_least=3, closed=True)]] = Field(
+        default_factory=dict,
+        description="Closed polygons [r, z] by name: on the wall, on the axis (r = 0), or free rings.",
+    )
+    sections: dict[
+        Annotated[str, Identifier()],
+        Annotated[Section, Short(Levels())],
+    ] = Field(
+        default_factory=lambda data: _sections_by_slope(data.get("wall", ())),
+        description="Parts of the vessel between two levels, by name. Unless given: one for each change of wall slope, "
+        "named s1, s2, …, from the top.",
+    )
+
+    @property
+    def levels(self) -> dict[str, tuple[float, float]]:
+        """Section → its upper and lower level [m]."""
+        return {name: section.z for name, section in self.sections.items()}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_metres(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or not isinstance(data.get("unit", "m"), str):
+            return data
+        factor = _length_unit(data.get("unit", "m"))
+        scaled = {key: _scaled(value, factor) for key, value in data.items() if key != "unit"}
+        return scaled | ({"unit": "m"} if "unit" in data else {})
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_empty(cls, data: Any) -> Any:
+        """`obstacles:` or `sections:` with nothing below it but comments is as good as absent."""
+        if not isinstance(data, Mapping):
+            return data
+        return {key: value for key, value in data.items() if value is not None or key not in ("obstacles", "sections")}
+
+    @field_validator("sections")
+    @classmethod
+    def _downwards(cls, sections: dict[str, Section]) -> dict[str, Section]:
+        return dict(sorted(sections.items(), key=lambda item: -item[1].z_top))
+
+
+def _length_unit(unit: str) -> float:
+    try:
+        return length_unit(unit)
+    except UnitError as error:
+        refuse(str(error), ("unit",))
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    """Every number in nested lists and mappings (but not a section's wall factor) times the factor."""
+    if isinstance(value, Mapping):
+        return {key: item if key == "wall_factor" else _scaled(item, factor) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_scaled(item, factor) for item in value]
+    return tidy(value * factor) if isinstance(value, (int, float)) and not isinstance(value, bool) else value
+
+
+def _sections_by_slope(wall: Polygon) -> dict[str, Section]:
+    """One section per run of wall segments of equal slope; ledges only separate."""
+    runs: list[tuple[float, float, float]] = []
+    for (r0, z0), (r1, z1) in pairwise(wall):
+        if z0 - z1 <= LEVEL_TOLERANCE:
+            runs.append((0.0, z0, z0))
+            continue
+        slope = (r1 - r0) / (z1 - z0)
+        if runs and runs[-1][1] > runs[-1][2] and abs(slope - runs[-1][0]) < 1e-9:
+            runs[-1] = (slope, runs[-1][1], z1)
+        else:
+            runs.append((slope, z0, z1))
+    spans = [(top, bottom) for _, top, bottom in runs if top > bottom]
+    return {f"s{index}": Section(z=span) for index, span in enumerate(spans, start=1)}

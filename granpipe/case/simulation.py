@@ -1,0 +1,113 @@
+"""Keys of `dem` and `homogenize`: the DEM simulation, and the way from particles to a field; values in SI."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from granpipe.case.units import (
+    LENGTH,
+    SPEED,
+    TIME,
+)
+from granpipe.case.values import (
+    Group,
+    OneOf,
+    Quantity,
+    SomeOf,
+    Whole,
+    refuse,
+)
+
+Outlet = Literal["plate", "open"]
+
+
+Snapshots = Literal["none", "thinned", "all"]
+
+
+Method = Literal["psi", "gaussian"]
+
+
+MoreFields = Literal["particle_velocity", "size_classes", "wall_slip", "wall_pressure", "residence_time"]
+
+
+class Dem(Group):
+    """The DEM simulation."""
+
+    coarse_grain_factor: Annotated[float, Quantity(at_least=1, at_most=100)] = Field(
+        default=1.0, description="Particles are enlarged by this factor: fewer of them, the same material."
+    )
+    plate_speed: Annotated[float | Literal["auto"], Quantity(SPEED, above=0, at_most=100, auto=True)] = Field(
+        default="auto",
+        description="Speed of the plate under the outlet: a numerical choice, not the process flow rate.",
+    )
+    time_step: Annotated[float | Literal["auto"], Quantity(TIME, above=0, at_most=1, auto=True)] = Field(
+        default="auto",
+        description="Time step; `auto` is as long as Rayleigh time, collisions and neighbour skin allow.",
+    )
+    statistical_error: Annotated[float | None, Quantity(above=0, below=1)] = Field(
+        default=None,
+        description="Statistical error of the final field, on the whole and in every section, at which production may "
+        "end before `max_time`. Unless given it runs to `max_time`.",
+    )
+    max_time: Annotated[float, Quantity(TIME, above=0, at_most=1e6)] = Field(
+        default=20.0,
+        description="Longest production, in simulated time after filling and settling.",
+    )
+    replicas: Annotated[int, Whole(1, 1000)] = Field(
+        default=1,
+        description="Independent runs with the seeds `seed`, `seed` + 1, …, side by side on the free cores, and one "
+        "average of all.",
+    )
+    seed: Annotated[int, Whole(0)] = Field(default=1, description="Seed of all random numbers.")
+    outlet: Annotated[Outlet, OneOf(Outlet)] = Field(
+        default="plate", description="The bed rests on a plate that moves down, or discharges freely."
+    )
+    reservoir_height: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=1000, auto=True)] = Field(
+        default="auto", description="Height of the auxiliary reservoir above the inlet."
+    )
+    facets: Annotated[int | Literal["auto"], Whole(8, 240, auto=True)] = Field(
+        default="auto",
+        description="Flat facets of the walls per turn, a multiple of 4; `auto` is as few as stay within a tenth of a "
+        "particle diameter of the true wall.",
+    )
+    ranks: Annotated[int | Literal["auto"], Whole(1, 4096, auto=True)] = Field(
+        default="auto", description="MPI processes; `auto` uses the free cores as far as it helps."
+    )
+    keep_snapshots: Annotated[Snapshots, OneOf(Snapshots)] = Field(
+        default="none", description="Which snapshots to keep; they are averaged while LIGGGHTS runs."
+    )
+
+
+class Homogenize(Group):
+    """From particles to a field."""
+
+    cell: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=10, auto=True)] = Field(
+        default="auto",
+        description="Edge length of the cells of the r–z grid; `auto`: a quarter of the Sauter diameter, or a "
+        "fortieth of the narrowest opening for a fluid.",
+    )
+    method: Annotated[Method, OneOf(Method)] = Field(
+        default="psi",
+        description="How the average is made to conserve mass: by fitting a stream function (psi), or by "
+        "scaling rows and Gaussian smoothing (gaussian).",
+    )
+    start: Annotated[float | Literal["auto"], Quantity(TIME, at_least=0, at_most=1e6, auto=True)] = Field(
+        default="auto", description="Production time at which averaging begins, after the transient."
+    )
+    smoothing_passes: Annotated[int, Whole(0, 100)] = Field(
+        default=2, description="Passes of the 5×5 Gaussian of `method: gaussian`."
+    )
+    fields: Annotated[tuple[MoreFields, ...], SomeOf(MoreFields)] = Field(
+        default=(),
+        description="Further results: velocity of the particles in every cell, packing of each size class and "
+        "Sauter diameter, slip and contact along the walls, pressure on the walls, residence "
+        "time.",
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Homogenize:
+        if self.method == "gaussian" and "residence_time" in self.fields:
+            refuse("residence_time follows the stream function, which method: gaussian does not give", ("fields",))
+        return self
