@@ -228,10 +228,11 @@ FOLLOWED = Limit(
 SEAM = Limit(
     "difference at a seam",
     "hybrid",
-    "Relative difference E, beyond noise, of the fluid from the particles in the margin where the two meet. There both "
-    "describe the same flow, or the section beyond the margin is not one for a fluid. Measured: 1 to 2 % where a fluid "
-    "is followed, 5 to 8 % with particles; 11 % where the core of a pipe is twice as fast as its mean.",
-    high=0.1,
+    "Relative difference E, beyond noise, of a fluid that follows nothing from the particles in the margin where the "
+    "two meet. There both describe the same flow, or the section beyond the margin is not one for a fluid. Measured: "
+    "22 % in hopper and throat of the test reactor; 54 % where the core of a pipe is twice as fast as its mean, 76 % "
+    "where it is four times as fast.",
+    high=0.35,
     percent=True,
     remedy="model: dem for the section beyond it",
 )

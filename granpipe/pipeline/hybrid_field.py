@@ -52,14 +52,14 @@ def hybrid_field(plan: Plan, context: Context) -> ModelResult:
     context.progress.stage("fluid")
     packing = float(np.mean([made.field.bulk_packing for _, made in followed]))
     known = known_flow(plan, followed)
+    inside, flow = plan.outline.inside_fraction(plan.grid), target_flow(case, packing)
     bands = [(low - known.ramp, high + known.ramp, BAND_CELLS * plan.grid.cell) for low, high in known.intervals]
-    solution = solve_fluid(
-        section_mesh(plan, bands), wall_law(case), target_flow(case, packing), case.fluid.order, known
-    )
-    field = to_field(solution, plan.grid, plan.outline.inside_fraction(plan.grid), packing)
+    solution = solve_fluid(section_mesh(plan, bands), wall_law(case), flow, case.fluid.order, known)
+    field = to_field(solution, plan.grid, inside, packing)
+    free = to_field(solve_fluid(section_mesh(plan), wall_law(case), flow, case.fluid.order), plan.grid, inside, packing)
     errors = _errors(field, followed)
     field = replace(field, bulk=_bulk(field, followed), flux_r_se=errors[0], flux_z_se=errors[1])
-    differences = {span.name: _differences(field, made.field, span) for span, made in followed}
+    differences = {span.name: _differences(field, free, made.field, span) for span, made in followed}
     return ModelResult(
         field=field,
         gates=(
@@ -134,17 +134,15 @@ def _errors(field: Field, followed: Followed) -> tuple[Array | None, Array | Non
     return error_r, error_z
 
 
-def _differences(field: Field, part: Field, span: Span) -> dict[str, float]:
-    """How far the fluid is from what it follows: in the span's own sections, and in the margins beyond, less noise."""
-    ranges = {
-        "sections": (span.bottom, span.top),
-        "upper seam": (span.top, span.cut_top),
-        "lower seam": (span.cut_bottom, span.bottom),
-    }
-    return {
-        name: _difference(field, part, low, high, noise=name != "sections")
-        for name, (low, high) in ranges.items()
-        if low < high
+def _differences(field: Field, free: Field, part: Field, span: Span) -> dict[str, float]:
+    """How far the fluid is from what it follows in the span's sections, and the free fluid in the margins, less noise.
+
+    In the margins the fluid is pulled towards the particles, so that only a fluid without the force (`free`) tells
+    whether both describe the same flow there.
+    """
+    seams = {"upper seam": (span.top, span.cut_top), "lower seam": (span.cut_bottom, span.bottom)}
+    return {"sections": _difference(field, part, span.bottom, span.top, noise=False)} | {
+        name: _difference(free, part, low, high, noise=True) for name, (low, high) in seams.items() if low < high
     }
 
 
