@@ -87,8 +87,9 @@ class Case(Group):
                 refuse(
                     f"must agree with model: {self.model}; or set model: auto", ("outline", "sections", name, "model")
                 )
-        if self.homogenize.start != "auto" and self.homogenize.start >= self.dem.max_time:
-            refuse(f"must be below dem.max_time ({self.dem.max_time:g} s)", ("homogenize", "start"))
+        start, end = self.homogenize.start, self.dem.max_time
+        if start != "auto" and end != "auto" and start >= end:
+            refuse(f"must be below dem.max_time ({end:g} s)", ("homogenize", "start"))
         if self.homogenize.method == "gaussian" and self.dem.statistical_error is not None:
             refuse(
                 "belongs to homogenize.method: psi, which knows its error; leave it out", ("dem", "statistical_error")

@@ -51,9 +51,10 @@ class Dem(Group):
         description="Statistical error of the final field, on the whole and in every section, at which production may "
         "end before `max_time`. Unless given it runs to `max_time`.",
     )
-    max_time: Annotated[float, Quantity(TIME, above=0, at_most=1e6)] = Field(
-        default=20.0,
-        description="Longest production, in simulated time after filling and settling.",
+    max_time: Annotated[float | Literal["auto"], Quantity(TIME, above=0, at_most=1e6, auto=True)] = Field(
+        default="auto",
+        description="Longest production, in simulated time after filling and settling; `auto`: as long as the widest "
+        "section, the vessel's content and `statistical_error` need. A longer one continues the same run.",
     )
     replicas: Annotated[int, Whole(1, 1000)] = Field(
         default=1,

@@ -98,7 +98,7 @@ class FillingHealth:
 
     def __init__(self, settings: Settings, case: Case) -> None:
         self.mass = case.material.density * settings.classes.mean_volume
-        self.limit = contact.GRAVITY * (settings.wall_top - settings.bottom)
+        self.limit = contact.GRAVITY * (settings.wall_top - settings.lowest)
 
     def row(self, status: Status) -> None:
         """Check a row of the thermo table."""
@@ -163,7 +163,7 @@ class FlowHealth:
         x, y, z = snapshot.position.T
         r = np.hypot(x, y)
         plate = settings.plate_z - settings.plate_speed * settings.time_step * snapshot.step
-        below = z < (settings.bottom if settings.open_outlet else plate)
+        below = z < (settings.lowest if settings.open_outlet else plate)
         gone = below & settings.open_outlet  # on its way out of the box
         outside = np.flatnonzero((~self.vessel.inside(r, z) | below | (z > settings.wall_top)) & ~gone)
         if len(outside):
@@ -177,7 +177,7 @@ class FlowHealth:
     def _check_speed(self, snapshot: Snapshot) -> None:
         settings, parts = self.settings, self.case.contact
         speed = float(np.linalg.norm(snapshot.velocity, axis=1).max(initial=0.0))
-        fall = math.hypot(math.sqrt(2 * contact.GRAVITY * (settings.wall_top - settings.bottom)), settings.feed_speed)
+        fall = math.hypot(math.sqrt(2 * contact.GRAVITY * (settings.wall_top - settings.lowest)), settings.feed_speed)
         if speed > PEAK_SPEED * fall:
             raise RunError(
                 f"step {snapshot.step}: a particle moves at {speed:.3g} m/s; a free fall of the feed through the whole "

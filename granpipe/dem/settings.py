@@ -12,6 +12,7 @@ from typing import Protocol
 
 from granpipe.case.schema import Case
 from granpipe.dem import contact
+from granpipe.dem.duration import LEAST_TRAVEL, LEAST_TURNOVER, Duration, dumps_per_segment, duration
 from granpipe.dem.sizes import SizeClasses, size_classes
 from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
@@ -21,10 +22,6 @@ PACKING = 0.58
 
 SNAPSHOT_TRAVEL = 0.1
 """Plate travel between snapshots, in Sauter diameters: a throat moves several times faster than the plate."""
-
-MOST_SEGMENTS = 256
-"""A segment is one interval between snapshots, so that few are needed for an error bar; no more of them than this, so
-that the disk that their sums take does not grow with the length of the run."""
 
 BEVERLOO_SHARE = 0.1
 """Flow through every opening over its free discharge, at most: beyond it inertia shows in the field."""
@@ -98,12 +95,14 @@ class Vessel:
     wall : (r, z) from the inlet down to the outlet
     openings : every narrowing
     shares : of the flow that passes each opening
+    widest : free area of the widest level [m²]
     """
 
     wall: tuple[tuple[float, float], ...]
     volume: float
     openings: tuple[Opening, ...]
     shares: tuple[float, ...]
+    widest: float
 
     @property
     def top(self) -> float:
@@ -157,11 +156,12 @@ class Settings:
     feed_bottom, feed_top : levels between which particles are inserted [m]
     wall_top : upper end of the reservoir's wall [m]
     plate_z : level of the plate at the start [m]
-    bottom : lower end of the simulated space [m]
+    bottom : lower end of the box [m], which has room for a longer run
     skin : of the neighbour lists [m]
     dump_every : steps between snapshots
     segment_steps : steps of a segment of production
     segments : of production, at the most
+    length : time of production, and by what it was chosen
     ranks : MPI processes
     particles : expected, after filling
     decisions : every setting with the rule behind it
@@ -183,6 +183,7 @@ class Settings:
     dump_every: int
     segment_steps: int
     segments: int
+    length: Duration
     ranks: int
     particles: int
     decisions: tuple[Decision, ...]
@@ -201,6 +202,11 @@ class Settings:
     def duration(self) -> float:
         """Simulated time of production [s]."""
         return self.steps * self.time_step
+
+    @property
+    def lowest(self) -> float:
+        """Level below which no particle gets in the time of this run [m]."""
+        return self.plate_z - self.plate_speed * self.duration - _below_plate(self.classes, self.open_outlet)
 
 
 def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
@@ -227,11 +233,12 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     inlet_speed = speed * (vessel.outlet_radius / vessel.inlet_radius) ** 2
     fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + speed
     step, rayleigh, step_choice = _time_step(case, classes, youngs, fall, skin)
-    travel = 0.0 if open_outlet else speed * case.dem.max_time
+    length = _length(case, vessel, classes, speed)
+    plate_speed = 0.0 if open_outlet else speed
+    travel = plate_speed * length.time
     dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))
-    dumps = case.dem.max_time / (step * dump_every)
-    dumps_per_segment = max(1, math.ceil(dumps / MOST_SEGMENTS))
-    segments = max(1, round(dumps / dumps_per_segment))
+    per_segment = dumps_per_segment(length.room, step * dump_every)
+    segments = max(1, round(length.time / (step * dump_every * per_segment)))
     volume = vessel.volume + math.pi * (
         vessel.inlet_radius**2 * reservoir + vessel.outlet_radius**2 * (clearance + 0.5 * travel)
     )
@@ -241,18 +248,19 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         youngs_modulus=youngs,
         rayleigh_time=rayleigh,
         time_step=step,
-        plate_speed=0.0 if open_outlet else speed,
+        plate_speed=plate_speed,
         inlet_speed=inlet_speed,
         open_outlet=open_outlet,
         feed_bottom=level - feed / 2,  # half its height is filled when the bed is topped up
         feed_top=level + feed / 2,
         wall_top=level + feed / 2 + 2 * classes.largest,
         plate_z=plate_z,
-        bottom=plate_z - travel - (6 if open_outlet else 4) * classes.largest,
+        bottom=plate_z - plate_speed * length.room - _below_plate(classes, open_outlet),
         skin=skin,
         dump_every=dump_every,
-        segment_steps=dump_every * dumps_per_segment,
+        segment_steps=dump_every * per_segment,
         segments=segments,
+        length=length,
         ranks=_ranks(case, particles, cores),
         particles=particles,
         decisions=(
@@ -263,6 +271,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
             step_choice,
             Decision("neighbour skin", f"{skin:.3g} m", f"{SKIN:g} of the mean diameter"),
             speed_choice,
+            _time_choice(case, length),
         ),
     )
 
@@ -431,6 +440,35 @@ def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStr
     )
     breach = "" if speed <= 1.05 * min(quick, calm) else f"{speed / min(quick, calm):.2g} times too fast: inertia shows"
     return speed, Decision("plate_speed", f"{speed:.3g} m/s", criterion, breach)
+
+
+def _length(case: Case, vessel: Vessel, classes: SizeClasses, speed: float) -> Duration:
+    """Time of production, for a mean speed in the outlet [m/s]."""
+    outlet, given = math.pi * vessel.outlet_radius**2, case.dem.max_time
+    return duration(
+        None if given == "auto" else float(given),
+        case.dem.statistical_error,
+        speed,
+        vessel.widest / outlet,
+        vessel.volume / outlet,
+        classes.sauter_diameter,
+    )
+
+
+def _time_choice(case: Case, length: Duration) -> Decision:
+    criterion = (
+        f"{LEAST_TRAVEL:g} particle diameters in the widest section, {LEAST_TURNOVER:g} of the content: "
+        f"{length.least:.3g} s"
+    )
+    if (error := case.dem.statistical_error) is not None:
+        criterion += f"; an error of {error:.3g} is expected to need {length.expected:.3g} s"
+    criterion += f"; up to {length.room:.3g} s a longer time continues the run"
+    return Decision("max_time", f"{length.time:.4g} s", criterion, warning=length.warning)
+
+
+def _below_plate(classes: SizeClasses, open_outlet: bool) -> float:
+    """Height of the box below the plate at its lowest [m]."""
+    return (6 if open_outlet else 4) * classes.largest
 
 
 def _least(vessel: Vessel, limit: Callable[[Opening, float], float]) -> tuple[float, str]:

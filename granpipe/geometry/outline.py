@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 Points = Sequence[Sequence[float]] | Array
 RELATIVE_TOLERANCE = 1e-6  # of the vessel's size: nearer points are taken as touching
+_LEVELS = 17  # between two corners, to find the widest: Ω is a parabola there
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,6 +144,13 @@ class Outline:
     def volume(self) -> float:
         """Free volume between inlet and outlet [m³], by Pappus' theorem on every edge."""
         return float(np.sum(self.edges.sign * self.edges.frustum_volumes()))
+
+    def widest_area(self) -> float:
+        """Free area of the widest level [m²]."""
+        heights = np.unique(np.concatenate([self.wall[:, 1], *(corners[:, 1] for corners in self.obstacles.values())]))
+        heights = heights[(heights >= self.z_bottom) & (heights <= self.z_top)]
+        levels = np.concatenate([a + (b - a) * np.linspace(0, 1, _LEVELS) for a, b in pairwise(heights)])
+        return float(max(self.area(levels, "above").max(), self.area(levels, "below").max()))
 
     def inside_fraction(self, grid: Grid) -> Array:
         """(nz, nr) part of the volume of each cell that lies in the vessel and outside the obstacles; exact."""

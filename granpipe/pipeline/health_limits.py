@@ -32,7 +32,7 @@ def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> F
         speed=speed,
         flow_energy=_flow_energy(outline, bulk_flow),
         elastic_energy=_elastic_energy(outline, settings, wall_friction),
-        fall=max((opening.z - settings.bottom for opening in edges), default=0.0),
+        fall=max((opening.z - settings.lowest for opening in edges), default=0.0),
         brink=max((opening.area for opening in edges), default=0.0),
     )
 
@@ -46,7 +46,7 @@ def _flow_energy(outline: Outline, bulk_flow: float) -> float:
 
 def _elastic_energy(outline: Outline, settings: Settings, wall_friction: float) -> float:
     """Most work by mass [J/kg] that the bed's weight does on its contacts: stress over density times their overlap."""
-    height = settings.wall_top - settings.bottom
+    height = settings.wall_top - settings.lowest
     return contact.MEAN_OVERLAP * contact.janssen_step(0.0, 1.0, 2 * outline.r_max, wall_friction, height)
 
 

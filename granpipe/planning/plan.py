@@ -287,10 +287,17 @@ class _Scene:
             segment = settings.segment_steps * settings.time_step
             steps = LEAST_SEGMENTS * settings.segment_steps
             raise CaseError(
-                f"{self.case.dem.max_time:g} s is {settings.segments} segments of {segment:.3g} s; the ψ fit needs "
+                f"{settings.length.time:g} s is {settings.segments} segments of {segment:.3g} s; the ψ fit needs "
                 f"{LEAST_SEGMENTS}: simulate {LEAST_SEGMENTS * segment:.2g} s or more, which takes about "
                 f"{duration_text(self._seconds(settings, steps))} to compute, or set homogenize.method: gaussian",
                 ("dem", "max_time"),
+            )
+        start = self.case.homogenize.start
+        if start != "auto" and start >= settings.length.time:
+            raise CaseError(
+                f"must be below the time of production, which is {settings.length.time:g} s: give a longer "
+                "dem.max_time, or leave the start out",
+                ("homogenize", "start"),
             )
 
     def _particle_steps(self, settings: Settings, steps: int) -> float:
@@ -421,6 +428,7 @@ class _Scene:
             volume=outline.volume(),
             openings=openings,
             shares=tuple(1.0 if p.required else min(1.0, p.area / float(outline.area(p.z))) for p in openings),
+            widest=outline.widest_area(),
         )
 
 

@@ -65,6 +65,7 @@ class Basis:
     model : dem, hybrid or fluid
     models : which of these the scene allows
     cores : that a point may keep busy
+    max_time : of production [s]
     """
 
     youngs_modulus: float
@@ -75,6 +76,7 @@ class Basis:
     model: str
     models: tuple[str, ...]
     cores: int = 1
+    max_time: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -189,13 +191,14 @@ def _usual(case: Case, basis: Basis) -> dict[str, list[str]]:
 def _changes(case: Case, basis: Basis, axis: str, value: str) -> dict[str, str]:
     """What a value of an axis changes, and what has to go with it."""
     changes = {_KEYS[axis]: value}
+    time = basis.max_time if case.dem.max_time == "auto" else float(case.dem.max_time)
     start = 0.0 if case.homogenize.start == "auto" else float(case.homogenize.start)
     if axis == "replicas":  # together they average as long as the case does
         count = varied(case, changes).dem.replicas
-        changes["dem.max_time"] = _text(start + (case.dem.max_time - start) / count)
+        changes["dem.max_time"] = _text(start + (time - start) / count)
     elif axis == "plate_speed":  # equal travel
         part = float(varied(case, changes).dem.plate_speed) / basis.plate_speed
-        changes["dem.max_time"] = _text(case.dem.max_time / part)
+        changes["dem.max_time"] = _text(time / part)
         if start:
             changes["homogenize.start"] = _text(start / part)
     elif axis == "ranks":  # another filling, for what is in the store would be taken whatever the ranks

@@ -120,6 +120,7 @@ def _basis(case: Case, plans: Mapping[Model, Plan | CaseError]) -> Basis:
         facets=Turn.within(particles.outline.r_max, dem.classes.sauter_diameter).facets,
         model=chosen.model,
         models=possible,
+        max_time=dem.length.time,
     )
 
 
@@ -132,6 +133,7 @@ def _settled(case: Case, basis: Basis) -> Case:
         changes |= {
             "contact.youngs_modulus": repr(basis.youngs_modulus),
             "dem.reservoir_height": repr(basis.reservoir_height),
+            "dem.max_time": repr(basis.max_time),
         }
     if basis.plate_speed:
         changes["dem.plate_speed"] = repr(basis.plate_speed)

@@ -7,7 +7,7 @@ other scene the settings of granpipe's studies are scaled to it, and their error
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
@@ -113,7 +113,7 @@ def recommend(file: CaseFile, results: Path, tolerance: float) -> Recommendation
         raise CaseError(message, place="--total-error")
     for study in (own, *shipped()):
         if study.is_file() and _scene((former := read_study(study)).case) == _scene(file.case):
-            option, proven = _best(former.options, tolerance, study)
+            option, proven = _best(former.options, tolerance, study, lambda one: _allowed(file.case, former.case, one))
             where = f"of the study in {study.parent}" if study == own else f"of granpipe's study of {study.stem}"
             changes = _settings(former.case, option)
             return Recommendation(_changed(file.case, changes), option, changes, where, proven)
@@ -125,13 +125,28 @@ def shipped() -> Iterator[Path]:
     return iter(sorted(SHIPPED.glob("*.json")))
 
 
-def _best(options: list[Option], tolerance: float, study: Path) -> tuple[Option, bool]:
-    advice = advise(options, tolerance)
+def _best(
+    options: list[Option], tolerance: float, study: Path, allowed: Callable[[Option], bool]
+) -> tuple[Option, bool]:
+    """The cheapest option within the tolerance that a run would not refuse, and whether its bound is within it."""
+    options = list(options)
+    while (advice := advise(options, tolerance)).option is not None and not allowed(advice.option):
+        options.remove(advice.option)
     if advice.option is None:
-        best = min(option.error().value for option in options if option.method != PLAIN)
-        message = f"no option of {study} is within {percent(tolerance)}; the best has {percent(best)}"
+        errors = [option.error().value for option in options if option.method != PLAIN]
+        best = f"; the best has {percent(min(errors))}" if errors else ""
+        message = f"no option of {study} that this case allows is within {percent(tolerance)}{best}"
         raise CaseError(message, place="--total-error")
     return advice.option, advice.proven
+
+
+def _allowed(case: Case, studied: Case, option: Option) -> bool:
+    """Whether a run with the settings of an option would not be refused."""
+    try:
+        make_plan(_changed(case, _settings(studied, option)).case)
+    except CaseError:
+        return False
+    return True
 
 
 def _plain(case: Case) -> dict[str, Any]:
@@ -167,7 +182,7 @@ def _guess(case: Case, tolerance: float, own: Path) -> Recommendation:
     for study in shipped():
         former = read_study(study)
         options = [option for option in former.options if option.method == "psi" and option.travel > 0]
-        option, proven = _best(options, tolerance, study)
+        option, proven = _best(options, tolerance, study, lambda _: True)  # its time is this vessel's own
         model = varied(former.case, option.changes)
         changes = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
         where = f"of granpipe's study of {study.stem}"
@@ -179,23 +194,30 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
     """What gives a case the settings of another scene's run in its own measures.
 
     These are the narrowest opening over d90, but never particles smaller than the material's; the plate speed over the
-    automatic one; the travel in outlet diameters.
+    automatic one; the travel in outlet diameters, but never less than this vessel needs.
     """
-    fine = make_plan(varied(case, {"dem.coarse_grain_factor": "1", "dem.plate_speed": "auto"}))
+    own = {
+        "dem.coarse_grain_factor": "1",
+        "dem.plate_speed": "auto",
+        "dem.max_time": "auto",
+        "homogenize.start": "auto",
+    }
+    fine = make_plan(varied(case, own))
     changes = {
         "model": "dem",
         "homogenize.method": "psi",
         "homogenize.start": "auto",
         "dem.coarse_grain_factor": f"{max(1.0, _narrowness(fine) / _narrowness(model)):.4g}",
         "dem.plate_speed": "auto",
+        "dem.max_time": "auto",
     }
     plan = make_plan(varied(case, changes))
     if not plan.dem.open_outlet:
         pace = model.dem.plate_speed / make_plan(varied(model.case, {"dem.plate_speed": "auto"})).dem.plate_speed
         changes["dem.plate_speed"] = f"{pace * plan.dem.plate_speed:.4g}"
         plan = make_plan(varied(case, changes))
-    travel = model.case.dem.max_time / _turnover(model)
-    return changes | {"dem.max_time": f"{travel * _turnover(plan):.4g}"}
+    travel = model.dem.length.time / _turnover(model)
+    return changes | {"dem.max_time": f"{max(travel * _turnover(plan), plan.dem.length.least):.4g}"}
 
 
 def _narrowness(plan: Plan) -> float:

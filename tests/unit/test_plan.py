@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -141,9 +142,43 @@ def test_snapshots_and_segments_follow_the_plates_travel(tiny: Path) -> None:
 
 
 def test_a_long_run_has_longer_segments_but_no_more_of_them(tiny: Path) -> None:
-    dem = plan_of(tiny, dem__max_time="120", dem__reservoir_height="0.1").dem
-    assert dem.segments <= 256
-    assert dem.duration == pytest.approx(120, rel=0.02)
+    dem = plan_of(tiny, dem__max_time="1200", dem__reservoir_height="0.1").dem
+    assert dem.segments <= 1024
+    assert dem.duration == pytest.approx(1200, rel=0.02)
+
+
+def test_a_longer_time_changes_nothing_but_the_number_of_segments(tiny: Path) -> None:
+    short, long = plan_of(tiny, dem__max_time="1 s").dem, plan_of(tiny, dem__max_time="auto").dem
+    assert long.segments > 2 * short.segments
+    same = replace(short, segments=0, length=long.length, particles=0, ranks=0, decisions=())
+    assert same == replace(long, segments=0, particles=0, ranks=0, decisions=())
+    assert short.length.room == long.length.room
+    assert short.lowest - short.plate_speed * (long.duration - short.duration) == pytest.approx(long.lowest)
+
+
+def test_the_time_chosen_moves_the_widest_section_by_six_diameters_and_grows_with_the_error_asked_for(
+    tiny: Path,
+) -> None:
+    plan = plan_of(tiny, dem__max_time="auto")
+    assert plan.dem.plate_speed * plan.dem.length.time == pytest.approx(6 * 0.02, rel=0.1)
+    times = [
+        plan_of(tiny, dem__max_time="auto", dem__statistical_error=f"{e} %", homogenize__method="psi").dem.length.time
+        for e in (20, 2, 1)
+    ]
+    assert times[0] == plan.dem.length.time
+    assert times[2] == pytest.approx(4 * times[1], rel=0.1)
+
+
+def test_a_time_that_is_too_short_is_told_with_a_better_one_which_is_not(tiny: Path) -> None:
+    short = plan_of(tiny, dem__max_time="0.5 s")
+    (said,) = (one for one in short.warnings if one.startswith("max_time"))
+    better = said.split("try ")[1].split(" s")[0]
+    assert not any(one.startswith("max_time") for one in plan_of(tiny, dem__max_time=f"{better} s").warnings)
+
+
+def test_an_average_cannot_begin_after_the_time_that_is_chosen(tiny: Path) -> None:
+    with pytest.raises(CaseError, match="must be below the time of production"):
+        plan_of(tiny, dem__max_time="auto", homogenize__start="900 s")
 
 
 def test_replicas_share_the_cores(tiny: Path) -> None:
@@ -206,6 +241,7 @@ def test_the_planner_touches_no_file_and_starts_no_process() -> None:
     """A hook on everything that Python reports of the operating system, set once all modules are loaded."""
     script = f"""
 import sys
+from dataclasses import replace
 from pathlib import Path
 from granpipe.case.reader import load_case
 from granpipe.planning.plan import make_plan, model_plans
