@@ -97,10 +97,6 @@ class Measured:
 
 
 PROBES = (0.3, 0.6, 0.9)
-EARLIER = [  # cones of 26.6°, outlet of 10 d, measured independently of this program: friction, best f, error with it
-    Measured(math.radians(26.6), friction, factor, 0.07, error, 0.48, 0.03)
-    for friction, factor, error in ((0.1, 0.71, 0.10), (0.3, 0.44, 0.07), (0.5, 0.37, 0.10), (0.73, 0.39, 0.10))
-]
 SCENES = [Scene(angle, friction) for friction in FRICTIONS for angle in ANGLES]
 OTHERS = [  # what the law does not know of
     Scene(26.6, 0.3, outlet=14.0),
@@ -175,7 +171,7 @@ def fit(measured: Sequence[Measured]) -> WallFactorLaw:
 
 
 def report(found: dict[Scene, Measured], options: argparse.Namespace) -> None:
-    law = fit([*(measured for scene, measured in found.items() if scene in SCENES), *EARLIER])
+    law = fit([measured for scene, measured in found.items() if scene in SCENES])
     cones = [
         {
             "half_angle_deg": round(math.degrees(cone.half_angle), 3),
@@ -237,12 +233,6 @@ def page(found: dict[Scene, Measured], law: WallFactorLaw) -> str:
         "",
         *head,
         *(row(m) for scene, m in found.items() if scene in SCENES),
-        "",
-        "Used for the fit as well, cones that were measured before, independently of this program (their steepness and",
-        "noise are those of the like cones above):",
-        "",
-        *head,
-        *map(row, EARLIER),
         "",
     ]
     if others := {scene: m for scene, m in found.items() if scene in OTHERS}:

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, Grid, Mask, cell_vectors
+
+LEAST_SURFACE = 3.0
+"""Shortest free surface of which an angle is told, in particle diameters across."""
+
+
+class SurfaceAngle(NamedTuple):
+    """Angle of a free surface below the horizontal and its standard error [rad]; positive where it falls outwards."""
+
+    angle: float
+    error: float
 
 
 def crossings(values: Array, level: float, grid: Grid, where: Mask) -> Array:
@@ -31,6 +43,28 @@ def crossings(values: Array, level: float, grid: Grid, where: Mask) -> Array:
 def bulk_edge(field: Field) -> Array:
     """(n, 2) points r, z [m] on free surfaces and round cavities: between bulk cells and void ones, no walls."""
     return crossings(field.bulk.astype(float), 0.5, field.grid, field.inside_fraction > 0)
+
+
+def surface_angle(field: Field, z_range: tuple[float, float], diameter: float) -> SurfaceAngle | None:
+    """The angle of the uppermost free surface between two levels [m], by a straight line through its points.
+
+    The surface is where bulk lies below a void; a column of cells that is bulk to the top, or to a wall, has none. Its
+    standard error counts one independent point for each particle diameter [m]. None where it is shorter than
+    `LEAST_SURFACE` diameters.
+    """
+    grid = field.grid
+    rows = (grid.z_centres > z_range[0]) & (grid.z_centres < z_range[1])
+    solid, inside, z = field.bulk[rows], field.inside_fraction[rows] > 0, grid.z_edges[1:][rows]
+    free = solid[:-1] & ~solid[1:] & inside[1:]
+    columns = np.flatnonzero(free.any(axis=0))
+    if len(columns) * grid.cell < LEAST_SURFACE * diameter:
+        return None
+    r = grid.r_centres[columns]
+    height = z[:-1][len(free) - 1 - free[::-1, columns].argmax(axis=0)]
+    slope, offset = np.polyfit(r, height, 1)
+    freedom = max(1.0, len(columns) * grid.cell / diameter - 2)
+    scatter = float(np.sqrt(np.sum((height - slope * r - offset) ** 2) / np.sum((r - r.mean()) ** 2) / freedom))
+    return SurfaceAngle(float(-np.arctan(slope)), scatter / (1 + float(slope) ** 2))
 
 
 def displacement(points: Array, others: Array) -> float:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from granpipe.analysis.surfaces import surface_angle
+from granpipe.field import Field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.statistics import (
     LEAST_BLOCKS,
@@ -52,6 +54,8 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
     field = replace(averaged.field, extra=ExtraSums.of(plan).arrays(steady, averaged.field.inside_fraction))
     settled = [read_json(production.settled / "settle.json") for production in productions]
     figures = averaged.figures | run_statistics(steady, plan.case.outline.levels)
+    if angles := _surface_angles(field, plan):
+        figures["surface_angles"] = angles
     discharge = _discharge(plan, simulated, productions)
     if discharge is not None:
         figures["discharge"] = discharge.figures
@@ -101,6 +105,13 @@ def _discharge(plan: Plan, steady: Sequence[Sums], productions: Sequence[Product
     reports = {production.run: production.reports() for production in productions}
     near_outlet = plug_range(plan.outline, plan.grid)
     return measure_discharge(steady, near_outlet, plan.case.material.density, reports, plan.dem.time_step)
+
+
+def _surface_angles(field: Field, plan: Plan) -> dict[str, dict[str, float]]:
+    """Section → angle of its free surface below the horizontal, with its standard error [rad]."""
+    levels, diameter = plan.case.outline.levels, plan.dem.classes.sauter_diameter
+    found = {name: surface_angle(field, (low, top), diameter) for name, (top, low) in levels.items()}
+    return {name: angle._asdict() for name, angle in found.items() if angle is not None}
 
 
 def _overlap_gates(overlaps: Iterable[dict[str, float]]) -> list[Gate]:

@@ -389,6 +389,10 @@ def run_notes(figures: Mapping[str, Any]) -> list[str]:
     if few:
         sections = ", ".join(f"{name} {turned:.2g}" for name, turned in few.items())
         notes.append(f"turned over less than once during the average, so it may depend on the filling: {sections}")
+    for name, surface in figures.get("surface_angles", {}).items():
+        angle, error = (math.degrees(surface[key]) for key in ("angle", "error"))
+        renewed = "; it may depend on the filling" if name in few else ""
+        notes.append(f"section {name}: free surface at {angle:.0f} ± {error:.0f}° below the horizontal{renewed}")
     for name, one in figures.get("off_centre", {}).items():
         for shape, amplitude, error in _amplitudes(one):
             if amplitude > UNEVEN.high * error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granpipe.analysis.surfaces import bulk_edge, crossings, displacement, stagnant_area, void_area
+from granpipe.analysis.surfaces import bulk_edge, crossings, displacement, stagnant_area, surface_angle, void_area
 from granpipe.errors import DataError
 from granpipe.field import Field, Grid
 
@@ -42,6 +42,27 @@ def test_lines_are_as_far_apart_as_they_were_drawn():
     low, high = (bulk_edge(filled_to(height - slope * R)) for height in (1.2, 1.3))
     assert displacement(low, high) == pytest.approx(0.1 / np.sqrt(1 + slope**2), abs=0.3 * GRID.cell)
     assert displacement(low, low) == 0
+
+
+@pytest.mark.parametrize("degrees", [-20, 0, 12, 35])
+def test_the_angle_of_a_heap_is_that_with_which_it_was_drawn(degrees):
+    found = surface_angle(filled_to(1.2 - np.tan(np.radians(degrees)) * R), (0.2, 2.0), diameter=0.1)
+    assert np.degrees(found.angle) == pytest.approx(degrees, abs=0.4)
+    assert np.degrees(found.error) < 1
+
+
+def test_a_curved_surface_has_an_angle_of_large_error():
+    """1.2 − r² in a radius of 0.8: a straight line through it has a slope of −0.8 and misses it by 0.05 m."""
+    found = surface_angle(filled_to(1.2 - R**2), (0.2, 2.0), diameter=0.1)
+    assert np.tan(found.angle) == pytest.approx(0.8, abs=0.02)
+    assert 2 < np.degrees(found.error) < 8
+
+
+def test_no_free_surface_or_a_short_one_has_no_angle():
+    full, heap = filled_to(3.0), filled_to(1.2 - 0.5 * R)
+    assert surface_angle(full, (0.0, 2.0), diameter=0.1) is None
+    assert surface_angle(heap, (0.0, 0.7), diameter=0.1) is None  # solids throughout
+    assert surface_angle(heap, (0.0, 2.0), diameter=0.3) is None
 
 
 def test_walls_are_no_surface():
