@@ -6,7 +6,9 @@ from typing import Protocol
 
 
 def duration_text(seconds: float) -> str:
-    """``2 h 05 min``, ``3 min 20 s`` or ``12 s``."""
+    """``2 h 05 min``, ``3 min 20 s``, ``12 s`` or ``0.42 s``."""
+    if seconds < 10:
+        return f"{seconds:.2g} s"
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -19,6 +19,10 @@ from granpipe.geometry.outline import Outline
 from granpipe.pipeline.gates import Gate
 from granpipe.progress import Progress, Silent
 from granpipe.system.jsonfile import read_json
+from granpipe.system.manifest import MANIFEST, read_manifest, verify
+
+_READ = ("case.yaml", "provenance.json", "plan.json")
+"""Files beside ``field.npz`` that a result is made of; dumps may have been averaged without a case."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,16 +109,23 @@ def run(
 def load_result(folder: str | PathLike[str]) -> Result:
     """Open a results folder: of ``granpipe run``, of a point of a sweep, of ``scale`` or of ``homogenize``.
 
+    What is read must be as granpipe wrote it (``manifest.json``). A ``field.npz`` alone in a folder is opened,
+    too: nothing but its own checks vouches for it.
+
     Raises
     ------
-    DataError : it is not one, or is damaged
+    DataError : it is not one, or a file is damaged or was changed since granpipe wrote it
     """
     folder = Path(folder)
+    alone = not any((folder / name).exists() for name in (*_READ, MANIFEST))
+    listed = {} if alone else read_manifest(folder)
+    if not alone:
+        verify(folder, "field.npz", *(name for name in _READ if name in listed))
     stored = Field.load(folder / "field.npz")
-    case = _case_in(folder)
+    case = _case_in(folder) if "case.yaml" in listed else None
     space = len(stored.grid.shape) == 3
     field = SpaceFlow(stored) if space else Flow(stored, None if case is None else Outline.from_case(case))
-    if not (folder / "provenance.json").is_file():
+    if "provenance.json" not in listed:
         return Result(folder, case, field, None, (), {})
     provenance = read_json(folder / "provenance.json")
     try:
@@ -125,10 +136,7 @@ def load_result(folder: str | PathLike[str]) -> Result:
         raise DataError(f"{folder}: damaged ({error!r}); delete it and run again") from None
 
 
-def _case_in(folder: Path) -> Case | None:
-    """The case of a results folder; dumps may have been averaged without one."""
-    if not (folder / "case.yaml").is_file():
-        return None
+def _case_in(folder: Path) -> Case:
     try:
         return read_case(folder / "case.yaml").case
     except CaseError as error:

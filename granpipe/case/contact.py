@@ -6,23 +6,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from granpipe.case.units import (
-    PRESSURE,
-    SPEED,
-)
-from granpipe.case.values import (
-    Group,
-    OneOf,
-    Quantity,
-    refuse,
-)
+from granpipe.case.units import PRESSURE, SPEED
+from granpipe.case.values import Group, OneOf, Quantity, refuse
 
 ContactModel = Literal["hertz", "hooke"]
-
-
 RollingModel = Literal["epsd2", "cdt", "none"]
-
-
 Restitution = Annotated[float, Quantity(above=0.05, at_most=1)]
 
 

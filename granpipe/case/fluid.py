@@ -6,28 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from granpipe.case.units import (
-    LENGTH,
-)
-from granpipe.case.values import (
-    File,
-    Group,
-    OneOf,
-    Quantity,
-    Series,
-    Whole,
-    refuse,
-)
+from granpipe.case.units import LENGTH
+from granpipe.case.values import File, Group, OneOf, Quantity, Series, Whole, refuse
 
 Walls = Literal["moving", "slip"]
-
-
 Solids = Literal["rest", "slip"]
-
-
 OutletProfile = Literal["developed", "uniform", "annular"]
-
-
 _SIZE_FROM_ZERO = Quantity(LENGTH, at_least=0, at_most=1e4)
 
 

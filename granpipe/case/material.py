@@ -8,20 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from granpipe.case.units import (
-    ANGLE,
-    DENSITY,
-    LENGTH,
-)
-from granpipe.case.values import (
-    Group,
-    OneOf,
-    Quantity,
-    Series,
-    Short,
-    Whole,
-    refuse,
-)
+from granpipe.case.units import ANGLE, DENSITY, LENGTH
+from granpipe.case.values import Group, OneOf, Quantity, Series, Short, Whole, refuse
 
 By = Literal["number", "mass"]
 

@@ -8,38 +8,14 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from granpipe.case.units import (
-    UnitError,
-    length_unit,
-    tidy,
-)
-from granpipe.case.values import (
-    File,
-    Group,
-    Identifier,
-    Levels,
-    OneOf,
-    Points,
-    Quantity,
-    Short,
-    refuse,
-)
+from granpipe.case.units import UnitError, length_unit, tidy
+from granpipe.case.values import File, Group, Identifier, Levels, OneOf, Points, Quantity, Short, refuse
 
 Point = tuple[float, float]
-
-
 Polygon = tuple[Point, ...]
-
-
 Regime = Literal["mass_flow", "funnel_flow", "undecided"]
-
-
 SectionModel = Literal["fluid", "dem"]
-
-
 Up = Literal["x", "-x", "y", "-y", "z", "-z"]
-
-
 LEVEL_TOLERANCE = 1e-9  # m; levels nearer than this are one level
 
 

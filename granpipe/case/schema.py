@@ -12,27 +12,12 @@ from granpipe.case.fluid import Fluid
 from granpipe.case.material import Material
 from granpipe.case.outline import OutlineSpec
 from granpipe.case.simulation import Dem, Homogenize
-from granpipe.case.units import (
-    MASS_FLOW,
-    VOLUME_FLOW,
-    Dimension,
-)
-from granpipe.case.values import (
-    Flow,
-    Group,
-    Name,
-    OneOf,
-    SomeOf,
-    refuse,
-)
+from granpipe.case.units import MASS_FLOW, VOLUME_FLOW, Dimension
+from granpipe.case.values import Flow, Group, Name, OneOf, SomeOf, refuse
 from granpipe.case.yamlfile import dump_yaml
 
 Model = Literal["auto", "fluid", "dem", "hybrid"]
-
-
 Format = Literal["comsol", "vtk"]
-
-
 Figure = Literal["rz", "vessel"]
 
 

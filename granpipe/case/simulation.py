@@ -6,29 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from granpipe.case.units import (
-    LENGTH,
-    SPEED,
-    TIME,
-)
-from granpipe.case.values import (
-    Group,
-    OneOf,
-    Quantity,
-    SomeOf,
-    Whole,
-    refuse,
-)
+from granpipe.case.units import LENGTH, SPEED, TIME
+from granpipe.case.values import Group, OneOf, Quantity, SomeOf, Whole, refuse
 
 Outlet = Literal["plate", "open"]
-
-
 Snapshots = Literal["none", "thinned", "all"]
-
-
 Method = Literal["psi", "gaussian"]
-
-
 MoreFields = Literal["particle_velocity", "size_classes", "wall_slip", "wall_pressure", "residence_time"]
 
 

@@ -20,6 +20,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
+
 from granpipe.errors import RunError
 from granpipe.system.children import DieWithParent
 from granpipe.system.interrupts import suspended_too
@@ -31,8 +33,7 @@ DONE = "granpipe: done"
 _POLL = 0.2  # s
 _BLOCK = 1 << 22  # bytes of output taken in at a time
 _MEMORY_EVERY = 2.0  # s
-_PAGE = os.sysconf("SC_PAGE_SIZE")  # bytes
-_TICKS = os.sysconf("SC_CLK_TCK")  # a second
+_DEAD = {psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD}
 
 _LEAST_FILE = 256 * 1024**2  # bytes; Open MPI's own shared files take some megabytes
 _LEAST_OUTPUT = 32 * 1024**2  # bytes
@@ -267,11 +268,10 @@ class Liggghts:
     def members(self) -> list[int]:
         """Processes of this run, ranks of mpirun (which have groups of their own) included; the dead left out."""
         found = []
-        for path in Path("/proc").glob("[0-9]*/stat"):
-            with contextlib.suppress(OSError):
-                state, _, _, session = path.read_text().rpartition(")")[2].split()[:4]
-                if int(session) == self._process.pid and state not in "ZX":
-                    found.append(int(path.parent.name))
+        for process in psutil.pids():
+            with contextlib.suppress(OSError, psutil.Error):
+                if os.getsid(process) == self._process.pid and psutil.Process(process).status() not in _DEAD:
+                    found.append(process)
         return found
 
     def processor_seconds(self) -> float:
@@ -281,9 +281,9 @@ class Liggghts:
     def measure(self, members: Sequence[int]) -> None:
         """Note what the processes have taken so far; those that have ended keep what they had."""
         for process in members:
-            with contextlib.suppress(OSError):
-                words = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-                self._spent[process] = (int(words[11]) + int(words[12])) / _TICKS
+            with contextlib.suppress(psutil.Error):
+                times = psutil.Process(process).cpu_times()
+                self._spent[process] = times.user + times.system
 
     def fail(self, how: str, reason: str) -> RunError:
         """The error that tells how the run ended, why, by which command, and its last lines."""
@@ -361,8 +361,8 @@ class _Watch:
 
 def _resident(process: int) -> int:
     """Memory that a process holds [bytes]; 0 where it has ended."""
-    with contextlib.suppress(OSError):
-        return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * _PAGE
+    with contextlib.suppress(psutil.Error):
+        return int(psutil.Process(process).memory_info().rss)
     return 0
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.errors import DataError
+from granpipe.progress import duration_text
 from granpipe.system.jsonfile import read_json
 from granpipe.system.templates import templates
 
@@ -74,7 +75,7 @@ def write_run_report(folder: Path) -> None:
         sections = [_quality(provenance), *_pictures(folder), *_run_sections(plan, provenance)]
         intro = [
             f"Model {plan['model']}, made {provenance['made']} by granpipe {provenance['granpipe']} "
-            f"in {_seconds(provenance['wall_seconds'])}.",
+            f"in {duration_text(provenance['wall_seconds'])}.",
             _verdict(provenance["quality"]),
         ]
     except (KeyError, TypeError) as error:
@@ -104,8 +105,8 @@ def _run_sections(plan: Mapping[str, Any], provenance: Mapping[str, Any]) -> lis
     for name, submodel in provenance.get("submodels", {}).items():
         sections += _dem_sections(plan["submodels"].get(name, {}), submodel, f" of sub-model {name}")
     times = [
-        ("forecast of filling and production", _seconds(provenance["forecast_seconds"])),
-        ("this run, total", _seconds(provenance["wall_seconds"])),
+        ("forecast of filling and production", duration_text(provenance["forecast_seconds"])),
+        ("this run, total", duration_text(provenance["wall_seconds"])),
     ]
     return [*sections, Section("Time of the run", head=("what", "time"), rows=times)]
 
@@ -156,8 +157,8 @@ def _notes(plan: Mapping[str, Any]) -> list[str]:
 def _times(figures: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What the stages took; those that were done before took it in an earlier run."""
     return [
-        ("production, each run", ", ".join(map(_seconds, figures["produce_wall_seconds"]))),
-        ("of which averaging", ", ".join(map(_seconds, figures["averaging_seconds"]))),
+        ("production, each run", ", ".join(map(duration_text, figures["produce_wall_seconds"]))),
+        ("of which averaging", ", ".join(map(duration_text, figures["averaging_seconds"]))),
     ]
 
 
@@ -165,11 +166,3 @@ def _pictures(folder: Path) -> list[Section]:
     pictures = sorted((folder / "figures").glob("*.png"))
     scale = "Velocities on r–z are those of the bulk at the process flow rate; those of particles are the simulation's."
     return [Section("Pictures", [scale], pictures)] if pictures else []
-
-
-def _seconds(seconds: float) -> str:
-    minutes = seconds / 60
-    return f"{seconds:.3g} s" if minutes < 2 else f"{minutes:.3g} min" if minutes < 120 else f"{minutes / 60:.3g} h"
-
-
-duration = _seconds

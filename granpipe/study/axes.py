@@ -171,18 +171,18 @@ def _usual(case: Case, basis: Basis) -> dict[str, list[str]]:
     found = {"model": [model for model in basis.models if model != basis.model]}
     if basis.model == "fluid":
         return found
-    factors = {max(1.0, case.dem.coarse_grain_factor * part) for part in SIZES} - {case.dem.coarse_grain_factor}
+    factors = {max(1.0, case.dem.coarse_grain_factor * share) for share in SIZES} - {case.dem.coarse_grain_factor}
     found |= {
         "coarse_grain_factor": [_text(factor) for factor in sorted(factors)],
-        "youngs_modulus": [_text(part * basis.youngs_modulus) for part in STIFFNESSES],
-        "time_step": [_text(part * basis.time_step) for part in STEPS],
-        "reservoir_height": [_text(part * basis.reservoir_height) for part in RESERVOIRS],
-        "facets": [str(4 * round(part * basis.facets / 4)) for part in FACETS],
+        "youngs_modulus": [_text(factor * basis.youngs_modulus) for factor in STIFFNESSES],
+        "time_step": [_text(factor * basis.time_step) for factor in STEPS],
+        "reservoir_height": [_text(factor * basis.reservoir_height) for factor in RESERVOIRS],
+        "facets": [str(4 * round(factor * basis.facets / 4)) for factor in FACETS],
         "replicas": ["2"],
         "seed": [str(case.dem.seed + _OTHER)],
     }
     if basis.plate_speed > 0:
-        found["plate_speed"] = [_text(part * basis.plate_speed) for part in SPEEDS]
+        found["plate_speed"] = [_text(factor * basis.plate_speed) for factor in SPEEDS]
     if basis.cores > 1:
         found["ranks"] = ["2"]
     return found
@@ -197,10 +197,10 @@ def _changes(case: Case, basis: Basis, axis: str, value: str) -> dict[str, str]:
         count = varied(case, changes).dem.replicas
         changes["dem.max_time"] = _text(start + (time - start) / count)
     elif axis == "plate_speed":  # equal travel
-        part = float(varied(case, changes).dem.plate_speed) / basis.plate_speed
-        changes["dem.max_time"] = _text(time / part)
+        ratio = float(varied(case, changes).dem.plate_speed) / basis.plate_speed
+        changes["dem.max_time"] = _text(time / ratio)
         if start:
-            changes["homogenize.start"] = _text(start / part)
+            changes["homogenize.start"] = _text(start / ratio)
     elif axis == "ranks":  # another filling, for what is in the store would be taken whatever the ranks
         changes["dem.seed"] = str(case.dem.seed + 2 * _OTHER)
     return changes

@@ -68,7 +68,7 @@ class FinishedRun:
     productions: tuple[Production, ...]
 
     @cached_property
-    def parts(self) -> list[Sums]:
+    def segments(self) -> list[Sums]:
         """The segments of all chains."""
         return [sums for production in self.productions for sums in production.sums()]
 
@@ -84,14 +84,14 @@ class FinishedRun:
     def ends(self) -> list[float]:
         """Simulated times at which averages may end [s], the longest first."""
         run = min((p.run for p in self.productions), default=0)
-        stops = [sums.stop for sums in self.parts if sums.run == run]
+        stops = [sums.stop for sums in self.segments if sums.run == run]
         counts = sorted({int(len(stops) * SHORTER**times) for times in range(WINDOWS)}, reverse=True)
         return [stops[count - 1] for count in counts if count * len(self.productions) >= LEAST_BLOCKS]
 
     def until(self, end: float) -> list[Sums]:
         """The segments up to a time, after the transient as a run of that length would see it."""
         near = end * (1 + 1e-9)
-        return after_transient([sums for sums in self.parts if sums.stop <= near], self.plan.case)
+        return after_transient([sums for sums in self.segments if sums.stop <= near], self.plan.case)
 
     def seconds(self, end: float) -> float:
         """Time up to a simulated time: that of the slowest chain, for they run side by side."""
@@ -108,7 +108,7 @@ class FinishedRun:
         return sum(float(report["wall_seconds"]) for report in reports)
 
     def _stops(self, run: int) -> list[float]:
-        return [sums.stop for sums in self.parts if sums.run == run]
+        return [sums.stop for sums in self.segments if sums.run == run]
 
     @property
     def cores(self) -> int:
@@ -143,17 +143,17 @@ def field_of(plan: Plan, steady: Sequence[Sums], method: Method = PSI) -> Averag
     """The field of the average of some segments; DataError where they are too few for standard errors."""
     if len(steady) < LEAST_BLOCKS:
         raise DataError(f"{len(steady)} segments give no standard error; at least {LEAST_BLOCKS} are needed")
-    parts = [coarsened(sums, method.joined) for sums in steady]
+    segments = [coarsened(sums, method.joined) for sums in steady]
     case, diameter = _by(plan.case, method.name), plan.dem.classes.sauter_diameter
-    made = averaged_field(case, plan.outline, parts, diameter)
+    made = averaged_field(case, plan.outline, segments, diameter)
     if method.name == "psi":
         inside = plan.outline.inside_fraction(plan.grid)
         return Average(refined(made.field, plan.grid, inside, method.joined), made.figures["effective_blocks"])
     if method.name == "raw":
-        flux_r, flux_z = merge(parts).mean_flux
-        return _with_errors(replace(made.field, flux_r=flux_r, flux_z=flux_z), parts, lambda block: block.mean_flux)
+        flux_r, flux_z = merge(segments).mean_flux
+        return _with_errors(replace(made.field, flux_r=flux_r, flux_z=flux_z), segments, lambda block: block.mean_flux)
     return _with_errors(
-        made.field, parts, lambda block: _flux(averaged_field(case, plan.outline, [block], diameter).field)
+        made.field, segments, lambda block: _flux(averaged_field(case, plan.outline, [block], diameter).field)
     )
 
 
@@ -170,9 +170,9 @@ def _flux(field: Field) -> tuple[Array, Array]:
     return field.flux_r, field.flux_z
 
 
-def _with_errors(field: Field, parts: Sequence[Sums], make: Callable[[Sums], tuple[Array, Array]]) -> Average:
+def _with_errors(field: Field, segments: Sequence[Sums], make: Callable[[Sums], tuple[Array, Array]]) -> Average:
     """The field with standard errors from how blocks differ that are each made a field of their own."""
-    joined, fluxes = _blocks_made(parts, make)
+    joined, fluxes = _blocks_made(segments, make)
     grid, run = field.grid, np.array([block.run for block in joined])
     flux_r, flux_z = (np.array(component) for component in zip(*fluxes, strict=True))
     through = [flux_r * np.sqrt(grid.side_area), flux_z * np.sqrt(grid.ring_area)]
@@ -182,11 +182,11 @@ def _with_errors(field: Field, parts: Sequence[Sums], make: Callable[[Sums], tup
 
 
 def _blocks_made(
-    parts: Sequence[Sums], make: Callable[[Sums], tuple[Array, Array]]
+    segments: Sequence[Sums], make: Callable[[Sums], tuple[Array, Array]]
 ) -> tuple[list[Sums], list[tuple[Array, Array]]]:
     """Blocks and their fields; few long blocks where a level of a short one carries too little to be scaled."""
-    for count in (min(len(parts), BLOCKS), LEAST_BLOCKS):
-        joined = blocks(parts, count)
+    for count in (min(len(segments), BLOCKS), LEAST_BLOCKS):
+        joined = blocks(segments, count)
         try:
             return joined, [make(block) for block in joined]
         except DataError:

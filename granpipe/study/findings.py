@@ -75,7 +75,7 @@ class StudyPoint:
     @property
     def diameter(self) -> float:
         """Largest Sauter diameter of its particles [m]; 0 without any."""
-        return max((part.dem.classes.sauter_diameter for part in self.plan.runs), default=0.0)
+        return max((run.dem.classes.sauter_diameter for run in self.plan.runs), default=0.0)
 
     @property
     def setting(self) -> dict[str, float]:
@@ -94,8 +94,8 @@ class Effect:
     statistical : of the whole average
     systematic : difference from the reference without noise
     from_base : difference from the case itself without noise
-    parts : axis → the part of the error that comes from its setting, against the axis's limit
-    predicted : difference from the reference that these parts together let expect; None where there are none
+    contributions : axis → the part of the error that comes from its setting, against the axis's limit
+    predicted : difference from the reference that these together let expect; None where there are none
     measures : name → difference from the reference
     """
 
@@ -107,7 +107,7 @@ class Effect:
     statistical: Mapping[str, float]
     systematic: ErrorBounds
     from_base: ErrorBounds
-    parts: Mapping[str, ErrorBounds]
+    contributions: Mapping[str, ErrorBounds]
     predicted: ErrorBounds | None
     measures: Mapping[str, float]
 
@@ -163,7 +163,7 @@ def _point(
     plan, results = plan_case(file, cores=1), folder.points / name
     verify(results, "field.npz", "provenance.json")
     field = Field.load(results / "field.npz")
-    runs = [_finished_run(part, store, tools) for part in plan.runs]
+    runs = [_finished_run(submodel, store, tools) for submodel in plan.runs]
     finished = runs[0] if plan.settings is not None else None
     cores = max((one.cores for one in runs), default=1)
     seconds = sum(one.seconds(np.inf) for one in runs)
@@ -209,7 +209,7 @@ class Comparison:
             reference=self.reference.name,
             options=tuple(options),
             effects=tuple(effects),
-            axis_fits=tuple(trend.fit for trend in self.trends.values()),
+            axis_fits=tuple(slope.fit for slope in self.slopes.values()),
             spread=self._spread(scene),
             rate=float(np.median(rates)) if rates else None,
         )
@@ -225,8 +225,10 @@ class Comparison:
             statistical=self._statistical(point),
             systematic=self._difference(self.reference, point.field, point),
             from_base=self._difference(self.base, point.field, point),
-            parts={axis: self._part(trend, point) for axis, trend in self.trends.items() if point.setting},
-            predicted=self._predicted(point) if point.setting and self.trends else None,
+            contributions={
+                axis: self._contribution(slope, point) for axis, slope in self.slopes.items() if point.setting
+            },
+            predicted=self._predicted(point) if point.setting and self.slopes else None,
             measures=measures,
         )
 
@@ -240,15 +242,15 @@ class Comparison:
             return dict.fromkeys(self._sections, 0.0)
         return statistical_errors(point.field, self.levels)
 
-    def _difference(self, one: StudyPoint, field: Field, other: StudyPoint) -> ErrorBounds:
+    def _difference(self, base: StudyPoint, field: Field, point: StudyPoint) -> ErrorBounds:
         """Difference of a field of a point from the best field of another, noise taken off.
 
         There is none from itself, nor from more or less of the same runs, whose noise would not be independent.
         """
-        if _runs(one) == _runs(other):
+        if _runs(base) == _runs(point):
             return dict.fromkeys(self._sections, ErrorBound(0.0, 0.0))
-        found = compare(one.field, field, self.levels, max(one.diameter, other.diameter))
-        return {difference.name: _part(difference) for difference in found}
+        found = compare(base.field, field, self.levels, max(base.diameter, point.diameter))
+        return {difference.name: _bound(difference) for difference in found}
 
     def _options(self, point: StudyPoint) -> Iterator[Option]:
         if point.finished is None:
@@ -302,9 +304,9 @@ class Comparison:
         """Differences of the measures between halves of the reference: their uncertainty."""
         finished = self.reference.finished
         assert finished is not None
-        parts = finished.until(np.inf)
-        half = len(parts) // 2
-        halves = parts[:half], parts[half:]
+        segments = finished.until(np.inf)
+        half = len(segments) // 2
+        halves = segments[:half], segments[half:]
         if finished.plan.case.dem.replicas > 1 or half < LEAST_BLOCKS:
             return {}
         try:
@@ -314,13 +316,13 @@ class Comparison:
         return dict(first.against(second))
 
     @cached_property
-    def trends(self) -> dict[str, AxisTrend]:
+    def slopes(self) -> dict[str, AxisSlope]:
         """Axis → how the field changes along it, where two points or more tell."""
         found = {}
         for axis in _SETTING:
             along = [point for point in self.points if point.axis in ("", axis) and point.setting]
             if len({point.setting[axis] for point in along}) > 1:
-                found[axis] = AxisTrend.of(axis, along, self._limit(axis))
+                found[axis] = AxisSlope.of(axis, along, self._limit(axis))
         return found
 
     def _limit(self, axis: str) -> float:
@@ -329,17 +331,17 @@ class Comparison:
             return 0.0
         return self.base.diameter / self.case.dem.coarse_grain_factor
 
-    def _part(self, trend: AxisTrend, point: StudyPoint) -> ErrorBounds:
-        change = trend.change(point.setting[trend.fit.axis], trend.limit)
-        return self._norms(*change, trend.weight, point)
+    def _contribution(self, slope: AxisSlope, point: StudyPoint) -> ErrorBounds:
+        change = slope.change(point.setting[slope.fit.axis], slope.limit)
+        return self._norms(*change, slope.weight, point)
 
     def _predicted(self, point: StudyPoint) -> ErrorBounds:
         """The changes along all axes from the reference's settings to the point's, added."""
         changes = [
-            trend.change(point.setting[axis], self.reference.setting[axis]) for axis, trend in self.trends.items()
+            slope.change(point.setting[axis], self.reference.setting[axis]) for axis, slope in self.slopes.items()
         ]
         velocity, variance = (np.sum(terms, axis=0) for terms in zip(*changes, strict=True))
-        weight = np.min([trend.weight for trend in self.trends.values()], axis=0)
+        weight = np.min([slope.weight for slope in self.slopes.values()], axis=0)
         return self._norms(velocity, variance, weight, point)
 
     def _norms(self, velocity: Array, variance: Array, weight: Array, point: StudyPoint) -> ErrorBounds:
@@ -347,11 +349,11 @@ class Comparison:
         cells = Cells(weight, (middles(best) ** 2).sum(axis=0), (velocity**2).sum(axis=0), variance)
         shared = max(1.0, (max(point.diameter, self.reference.diameter) / best.grid.cell) ** 2)
         rows = section_rows(best.grid, self.levels)
-        return {name: _part(cells.compare(name, at, shared)) for name, at in rows.items()}
+        return {name: _bound(cells.compare(name, at, shared)) for name, at in rows.items()}
 
 
 @dataclass(frozen=True)
-class AxisTrend:
+class AxisSlope:
     """How the bulk velocity changes along an axis."""
 
     fit: AxisFit
@@ -361,7 +363,7 @@ class AxisTrend:
     weight: Array
 
     @classmethod
-    def of(cls, axis: str, points: Sequence[StudyPoint], limit: float) -> AxisTrend:
+    def of(cls, axis: str, points: Sequence[StudyPoint], limit: float) -> AxisSlope:
         """From the points along the axis."""
         unit = max(point.setting[axis] for point in points)
         bulk = np.all([point.field.bulk for point in points], axis=0)
@@ -393,9 +395,9 @@ def _runs(point: StudyPoint) -> dict[str, str]:
 def _accuracy_order(point: StudyPoint) -> tuple[float, float, float]:
     """Finest particles first, then the slowest plate, then the longest average."""
     assert point.finished is not None
-    averaged = sum(sums.duration for sums in point.finished.parts)
+    averaged = sum(sums.duration for sums in point.finished.segments)
     return point.diameter, point.plan.dem.plate_speed, -averaged
 
 
-def _part(difference: Difference) -> ErrorBound:
+def _bound(difference: Difference) -> ErrorBound:
     return ErrorBound(difference.noise_free, difference.upper)

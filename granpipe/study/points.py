@@ -19,8 +19,8 @@ from granpipe.geometry.revolve import Turn
 from granpipe.planning.forecast import forecast as forecast_of
 from granpipe.planning.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, model_plans
 from granpipe.study.axes import Axes, Basis, StudyVariant, affordable, study_variants
-from granpipe.sweep.content import Content
 from granpipe.sweep.file import Sweep
+from granpipe.sweep.inputs import SweepInput
 from granpipe.sweep.variants import MAX_NAME, Variant
 from granpipe.system.rates import Rates
 
@@ -70,8 +70,8 @@ class Study:
         """The study as a sweep, with its axes beside the points."""
         axes = {"axes": {one.variant.name: one.axis for one in self.variants}, "forecast_seconds": self.forecast}
         points = {one.variant.name: one.variant for one in self.variants}
-        content = Content(self.case.to_yaml(), points, beside={"axes.json": json.dumps(axes, indent=1)})
-        return Sweep(self.name, content, self.case.name, Places(self.name))
+        inputs = SweepInput(self.case.to_yaml(), points, beside={"axes.json": json.dumps(axes, indent=1)})
+        return Sweep(self.name, inputs, self.case.name, Places(self.name))
 
 
 def study_name(case: Case) -> str:
@@ -150,7 +150,7 @@ def _plan(case: Case, variant: Variant) -> Plan | CaseError:
 
 def _busy(plan: Plan, cores: int) -> int:
     """How many of the cores a plan keeps busy, as its forecast has it."""
-    ranks = max((part.dem.ranks for part in plan.runs), default=1)
+    ranks = max((run.dem.ranks for run in plan.runs), default=1)
     return ranks * min(plan.case.dem.replicas, max(1, cores // ranks))
 
 
@@ -162,7 +162,7 @@ def _needed(case: Case, one: StudyVariant) -> Plan:
 
 def _common_cell(plans: Sequence[Plan]) -> float:
     """The finest of the cells that the points would have of their own, so that rows are a multiple of `COARSEST`."""
-    diameters = [part.dem.classes.sauter_diameter for plan in plans for part in plan.runs]
+    diameters = [run.dem.classes.sauter_diameter for plan in plans for run in plan.runs]
     height = plans[0].outline.z_top - plans[0].outline.z_bottom
     size = min(diameters) / CELLS_PER_DIAMETER if diameters else plans[0].grid.cell
     return height / (COARSEST * math.ceil(height / (COARSEST * size)))

@@ -16,8 +16,9 @@ from granpipe.case.reader import resolve
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError, DataError
-from granpipe.export.report import Section, duration, markdown, write_page
+from granpipe.export.report import Section, markdown, write_page
 from granpipe.planning.plan import Plan
+from granpipe.progress import duration_text
 from granpipe.study.budget import TOLERANCES, Advice, ErrorBound, Option, advise, pareto, percent, sure_factor
 from granpipe.study.chart import draw_curves, draw_effects, draw_options
 from granpipe.study.findings import AxisFit, Effect, Findings
@@ -142,7 +143,9 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
         "Finite elements",
         ["The fictitious fluid on this outline, against order 4 on the finest mesh."],
         head=("order", "elements across", "unknowns", "time", "error"),
-        rows=[(str(s.order), str(s.across), str(s.unknowns), duration(s.seconds), percent(s.error)) for s in solves],
+        rows=[
+            (str(s.order), str(s.across), str(s.unknowns), duration_text(s.seconds), percent(s.error)) for s in solves
+        ],
     )
     if found.effects:
         yield _forecasts(found, other)
@@ -226,7 +229,7 @@ def _advice_row(advice: Advice) -> tuple[str, ...]:
         option.point,
         option.method,
         f"{option.travel:.2f}",
-        duration(option.core_seconds),
+        duration_text(option.core_seconds),
         percent(error.value),
         percent(error.upper),
         "proven" if advice.proven else "estimated only",
@@ -239,7 +242,7 @@ def _front_row(option: Option) -> tuple[str, ...]:
         option.point,
         option.method,
         f"{option.travel:.2f}",
-        duration(option.core_seconds),
+        duration_text(option.core_seconds),
         percent(option.statistical["whole"]),
         str(option.systematic["whole"]),
         percent(error.value),
@@ -255,9 +258,15 @@ def _axis_fit_text(fit: AxisFit) -> str:
 
 
 def _budget_row(effect: Effect, axes: Sequence[str]) -> tuple[str, ...]:
-    parts = [str(effect.parts[axis]["whole"]) if axis in effect.parts else "" for axis in axes]
+    contributions = [str(effect.contributions[axis]["whole"]) if axis in effect.contributions else "" for axis in axes]
     predicted = "" if effect.predicted is None else str(effect.predicted["whole"])
-    return (effect.point, percent(effect.statistical["whole"]), *parts, predicted, str(effect.systematic["whole"]))
+    return (
+        effect.point,
+        percent(effect.statistical["whole"]),
+        *contributions,
+        predicted,
+        str(effect.systematic["whole"]),
+    )
 
 
 def _effects(found: Findings) -> list[tuple[str, float, ErrorBound]]:
@@ -325,7 +334,7 @@ def _forecasts(found: Findings, other: Plan | None) -> Section:
             continue
         ratio = effect.seconds / effect.forecast
         good = "" if 1 / _GOOD_FORECAST <= ratio <= _GOOD_FORECAST else f"beyond a factor of {_GOOD_FORECAST:g}"
-        rows.append((effect.point, duration(effect.forecast), duration(effect.seconds), f"{ratio:.2f}", good))
+        rows.append((effect.point, duration_text(effect.forecast), duration_text(effect.seconds), f"{ratio:.2f}", good))
     if found.rate is not None:
         text.append(f"Measured: {found.rate:.3g} particle-steps per second on one core, filling included.")
     if other is not None and found.rate is not None:
@@ -372,6 +381,6 @@ def _effect_row(effect: Effect) -> Row:
     row |= {"cores": effect.cores, "forecast_seconds": "" if effect.forecast is None else effect.forecast}
     for name, part in effect.systematic.items():
         row |= {f"{name}.systematic": part.value, f"{name}.systematic_95": part.upper}
-    for axis, parts in effect.parts.items():
-        row |= {f"part.{axis}": parts["whole"].value, f"part.{axis}_95": parts["whole"].upper}
+    for axis, bounds in effect.contributions.items():
+        row |= {f"part.{axis}": bounds["whole"].value, f"part.{axis}_95": bounds["whole"].upper}
     return row | dict(effect.measures)

@@ -26,19 +26,19 @@ class Written:
 
 def write_table(folder: Folder) -> Written:
     """Write the table and the chart from what is there; failed points have a row, too."""
-    found, content = statuses(folder), folder.content
+    found, inputs = statuses(folder), folder.inputs
     keys = _varied_keys(folder)
     rows = [_row(folder, one, keys) for one in found]
     writers: dict[str, Callable[[Path], None]] = {}
-    if "csv" in content.table:
+    if "csv" in inputs.table:
         writers["table.csv"] = partial(write_csv, rows)
-    if "netcdf" in content.table:
+    if "netcdf" in inputs.table:
         writers["table.nc"] = partial(write_netcdf, rows)
     done = [row for row, one in zip(rows, found, strict=True) if one.state == "done"]
-    over = longest_axis(done, content.axes)
-    if over is not None and content.chart:
-        others = [axis for axis in content.axes if axis != over]
-        writers["chart.png"] = partial(draw, done, over, others, content.chart)
+    over = longest_axis(done, inputs.axes)
+    if over is not None and inputs.chart:
+        others = [axis for axis in inputs.axes if axis != over]
+        writers["chart.png"] = partial(draw, done, over, others, inputs.chart)
     result = Written(found, [], [])
     for name, write in writers.items():
         try:

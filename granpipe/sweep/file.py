@@ -18,7 +18,7 @@ from granpipe.case.units import TIME
 from granpipe.case.values import File, Group, Kind, Name, Quantity, SomeOf, Whole, refuse
 from granpipe.case.yamlfile import Places, parse_value, plain_value, read_yaml, text_of
 from granpipe.errors import CaseError
-from granpipe.sweep.content import Content
+from granpipe.sweep.inputs import SweepInput
 from granpipe.sweep.variants import MAX_NAME, Variant, crossed, spaced
 
 Table = Literal["csv", "netcdf"]
@@ -243,13 +243,13 @@ class Sweep:
     Parameters
     ----------
     name : of the sweep
-    content : what is to be run
+    inputs : what is to be run
     file : name of the file of the case
     places : where the sweep's own keys stand
     """
 
     name: str
-    content: Content
+    inputs: SweepInput
     file: str
     places: Places
 
@@ -285,7 +285,7 @@ def read_sweep(path: Path) -> Sweep:
     named = [Variant(name, changes) for name, changes in given.points.items()]
     variants = {v.name: Variant(v.name, given.set | v.changes) for v in (*crossed(given.axes), *named)}
     axes = tuple(key for axis in given.axes for key in axis)
-    return Sweep(given.name, Content(text, variants, axes, given.chart, given.table), case.name, places)
+    return Sweep(given.name, SweepInput(text, variants, axes, given.chart, given.table), case.name, places)
 
 
 def sweep_name(path: Path) -> str:

@@ -19,7 +19,7 @@ from typing import Any
 
 from granpipe import __version__
 from granpipe.errors import CaseError, DataError
-from granpipe.sweep.content import Content
+from granpipe.sweep.inputs import SweepInput
 from granpipe.sweep.state import State
 from granpipe.sweep.variants import Variant
 from granpipe.system.locks import Owner, holder, locked
@@ -38,7 +38,7 @@ class Folder:
     """The folder of a sweep; `new` is what is to be run where that is not in it yet."""
 
     root: Path
-    new: Content | None = None
+    new: SweepInput | None = None
 
     @property
     def name(self) -> str:
@@ -56,18 +56,18 @@ class Folder:
         return self.root / "points"
 
     @cached_property
-    def content(self) -> Content:
+    def inputs(self) -> SweepInput:
         """What is to be run."""
-        return self.new or Content.read(self.root)
+        return self.new or SweepInput.read(self.root)
 
     @property
     def variants(self) -> dict[str, Variant]:
         """Every point by name, in order."""
-        return self.content.variants
+        return self.inputs.variants
 
     @cached_property
     def _common(self) -> dict[str, Any]:
-        digest = hashlib.sha256(self.content.text.encode()).hexdigest()
+        digest = hashlib.sha256(self.inputs.text.encode()).hexdigest()
         return {"case": digest, "granpipe": __version__, "tools": library_versions()}
 
     def state_file(self, name: str) -> Path:

@@ -33,7 +33,7 @@ class Point:
 
 def point_case(folder: Folder, name: str, ranks: int | None = None, file: str = "case.yaml") -> CaseFile:
     """The case of a point, with `ranks` MPI ranks where they are given; CaseError, naming `file`, where it is wrong."""
-    data, places = copy.deepcopy(_parsed(folder.content.text, file))
+    data, places = copy.deepcopy(_parsed(folder.inputs.text, file))
     more = {} if ranks is None else {"dem.ranks": str(ranks)}
     found = resolve(data, places, folder.variants[name].changes | {"name": name} | more)
     return replace(found, path=folder.case)
@@ -46,7 +46,7 @@ def _parsed(text: str, file: str) -> tuple[dict[str, Any], Places]:
 
 def plan_points(sweep: Sweep, results: Path) -> tuple[Folder, list[Point]]:
     """The folder of a sweep, and the points whose results are missing, each checked and planned; nothing is written."""
-    folder = Folder(results / sweep.name, sweep.content)
+    folder = Folder(results / sweep.name, sweep.inputs)
     if (folder.root / "provenance.json").exists():
         raise CaseError(f"{folder.root} holds the results of a case; name the sweep otherwise", ("name",), "sweep")
     missing = [variant for variant in folder.variants.values() if not folder.is_whole(variant.name)]

@@ -14,9 +14,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
+import psutil
 from pydantic import Field
 
 from granpipe.errors import DataError
+from granpipe.system.files import write_whole
 from granpipe.system.jsonfile import read_json
 
 Phase = Literal["running", "done", "failed"]
@@ -68,9 +70,7 @@ class State:
 
     def save(self, path: Path) -> None:
         """Write the file, by one rename."""
-        aside = path.with_name(f".{path.name}.{self.host}.{self.pid}")
-        aside.write_text(json.dumps(asdict(self)))
-        aside.replace(path)
+        write_whole(path, json.dumps(asdict(self)))
 
     @classmethod
     def load(cls, path: Path) -> State | None:
@@ -82,15 +82,7 @@ class State:
 
     def process_is_gone(self) -> bool:
         """Whether this machine can tell that the process has ended (another machine's it cannot)."""
-        if self.host != socket.gethostname():
-            return False
-        try:
-            os.kill(self.pid, 0)
-        except ProcessLookupError:
-            return True
-        except PermissionError:
-            return False
-        return False
+        return self.host == socket.gethostname() and not psutil.pid_exists(self.pid)
 
 
 class Recorder:

@@ -37,7 +37,7 @@ PACKAGES = {
     "numba": "averaging",
     "numpy": "everything",
     "pint": "units in the case",
-    "psutil": "how much memory is free",
+    "psutil": "processes and free memory",
     "pydantic": "reading the case",
     "pymetis": "the fluid solve",
     "pyvista": "pictures in 3-D, VTK files",

@@ -36,8 +36,8 @@ from granpipe.planning.plan import make_plan
 from granpipe.study.budget import advise
 from granpipe.study.findings import Notes
 from granpipe.study.report import read_study
-from granpipe.sweep.content import Content
 from granpipe.sweep.file import read_profile, read_sweep
+from granpipe.sweep.inputs import SweepInput
 from granpipe.sweep.queue import Jobs
 from granpipe.sweep.state import State
 from granpipe.system.jsonfile import read_json
@@ -198,7 +198,7 @@ FILES: dict[str, tuple[object, Callable[[Path], object]]] = {
     ),
     "points.json": (
         {"axes": ["dem.seed"], "chart": [], "table": ["csv"], "points": [{"name": "a", "changes": {"dem.seed": "1"}}]},
-        lambda path: Content.read(path.parent),
+        lambda path: SweepInput.read(path.parent),
     ),
     "study.json": ({"case": CASE, "options": [OPTION]}, lambda path: advise(read_study(path).options, 0.05)),
     "axes.json": ({"axes": {"a": "seed"}, "forecast_seconds": {"a": 3.0}}, lambda path: read_json(path, Notes, "x")),

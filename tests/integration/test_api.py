@@ -15,6 +15,7 @@ from fakes.plane_flow import PlaneFlow
 
 import granpipe
 from granpipe.cli import main
+from granpipe.system.manifest import write_manifest
 
 ROOT = Path(__file__).parents[2]
 SLOW = {"numpy", "scipy", "pydantic", "matplotlib", "gmsh", "pyvista", "click", "yaml", "rich"}
@@ -86,6 +87,7 @@ def test_a_failed_gate_marks_the_result(hopper: granpipe.Result, tmp_path: Path)
     record = json.loads((folder / "provenance.json").read_text())
     record["quality"] = [{"name": "packing in the plug", "value": 0.4, "limit": "0.5 to 0.68", "passed": False}]
     (folder / "provenance.json").write_text(json.dumps(record))
+    write_manifest(folder)
     marked = granpipe.load_result(folder)
     assert marked.marked
     assert repr(marked) == "<Result hopper: fluid, MARKED: packing in the plug: 0.4, must be 0.5 to 0.68>"
@@ -96,6 +98,27 @@ def test_a_damaged_folder_is_refused(name: str, hopper: granpipe.Result, tmp_pat
     folder = shutil.copytree(hopper.folder, tmp_path / "hopper")
     (folder / name).write_text("[1")
     with pytest.raises(granpipe.GranpipeError, match=name.replace(".", r"\.")):
+        granpipe.load_result(folder)
+
+
+@pytest.mark.parametrize("name", ["field.npz", "case.yaml", "provenance.json"])
+def test_a_file_that_is_not_as_it_was_written_is_refused_though_it_reads_well(
+    name: str, hopper: granpipe.Result, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(hopper.folder, tmp_path / "hopper")
+    if name == "field.npz":  # a whole field of twice the flow
+        with np.load(folder / name) as stored:
+            np.savez(folder / name, **{key: stored[key] for key in stored if key != "flow_scale"}, flow_scale=2.0)
+    else:
+        (folder / name).write_text((folder / name).read_text() + "\n")
+    with pytest.raises(granpipe.DataError, match="changed since granpipe wrote it"):
+        granpipe.load_result(folder)
+
+
+def test_a_run_without_its_manifest_is_refused(hopper: granpipe.Result, tmp_path: Path) -> None:
+    folder = shutil.copytree(hopper.folder, tmp_path / "hopper")
+    (folder / "manifest.json").unlink()
+    with pytest.raises(granpipe.DataError, match=r"manifest\.json"):
         granpipe.load_result(folder)
 
 

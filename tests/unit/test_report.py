@@ -79,9 +79,9 @@ def test_the_report_of_a_run_tells_gates_errors_settings_and_times(tmp_path: Pat
         "throat",
         "time_step",
         "damping",
-        "6.67 min",
+        "6 min 40 s",
         "narrow",
-        "100 s",
+        "1 min 40 s",
     ):
         assert wanted in text, wanted
 

@@ -43,7 +43,7 @@ class Segment:
 class FakeRun:
     """Segments that only tell how long they are."""
 
-    parts: list
+    segments: list
 
 
 def shapes(grid):
@@ -102,7 +102,7 @@ def test_parts_are_those_that_were_put_in() -> None:
     unit = norm_of_profile(made)
     for number, (diameter, speed) in enumerate([(0.015, 0.02), (0.02, 0.02), (0.012, 0.02), (0.015, 0.04)]):
         effect = made.effect(made.points[number], {})
-        size, plate = effect.parts["coarse_grain_factor"]["whole"], effect.parts["plate_speed"]["whole"]
+        size, plate = effect.contributions["coarse_grain_factor"]["whole"], effect.contributions["plate_speed"]["whole"]
         assert size.value == pytest.approx(unit * PER_DIAMETER * (diameter - OWN), rel=0.1)
         assert plate.value == pytest.approx(unit * PER_SPEED * speed, rel=0.1)
         assert size.value <= size.upper
@@ -128,7 +128,7 @@ def test_what_noise_hides_is_unresolved_and_stays_below_its_bound() -> None:
     made = study(0.3)
     unit = norm_of_profile(made)
     effect = made.effect(made.points[0], {})
-    part = effect.parts["plate_speed"]["whole"]
+    part = effect.contributions["plate_speed"]["whole"]
     assert not part.resolved
     assert part.upper > unit * PER_SPEED * 0.02
 

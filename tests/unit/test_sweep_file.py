@@ -46,14 +46,14 @@ def message(read, text, reader=read_sweep):
 
 def test_axes_and_points_become_variants(read, tmp_path):
     sweep = read(SWEEP)
-    variants = list(sweep.content.variants.values())
-    assert sweep.content.text == "name: hopper\n"
+    variants = list(sweep.inputs.variants.values())
+    assert sweep.inputs.text == "name: hopper\n"
     assert len(variants) == 7
     assert variants[5].changes == {
         "figures": "[]", "contact.friction": "0.4", "dem.seed": "3", "dem.max_time": "30 s"
     }  # fmt: skip
     assert variants[-1].name == "paper"
-    assert sweep.content.axes == ("contact.friction", "dem.seed", "dem.max_time")
+    assert sweep.inputs.axes == ("contact.friction", "dem.seed", "dem.max_time")
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_what_is_wrong_is_refused_with_its_place(read, old, new, expected):
 
 def test_values_of_a_zipped_axis_may_repeat_where_another_key_changes(read):
     text = SWEEP.replace("[10 s, 20 s, 30 s]", "[10 s, 10 s, 10 s]")
-    assert len(read(text).content.variants) == 7
+    assert len(read(text).inputs.variants) == 7
 
 
 def test_the_name_is_told_without_the_case(read, tmp_path):

@@ -13,9 +13,9 @@ import pytest
 from granpipe.errors import CaseError
 from granpipe.progress import Silent
 from granpipe.sweep.collect import write_table
-from granpipe.sweep.content import Content
 from granpipe.sweep.file import read_sweep
 from granpipe.sweep.folder import Folder
+from granpipe.sweep.inputs import SweepInput
 from granpipe.sweep.local import interrupted_once, run_here
 from granpipe.sweep.points import Point, plan_points
 from granpipe.sweep.state import State
@@ -120,7 +120,7 @@ def test_further_signals_do_not_disturb_the_clean_up():
 def done_folder(root, values, chart, key="fluid.order"):
     """A folder with a done point for each value."""
     variants = {f"p{at}": Variant(f"p{at}", {key: value}) for at, value in enumerate(values)}
-    folder = Folder(root / "sweep", Content("name: a\n", variants, (key,), chart))
+    folder = Folder(root / "sweep", SweepInput("name: a\n", variants, (key,), chart))
     with folder.started():
         pass
     provenance = {"quality": [], "wall_seconds": 3.0, "figures": {"residual": 1e-9}}
@@ -158,7 +158,7 @@ def test_two_jobs_may_write_the_table_at_the_same_moment(tmp_path: Path) -> None
     """HDF5 locks the file that it writes: a second writer must not meet the first one's."""
     h5py = pytest.importorskip("h5py")
     folder = done_folder(tmp_path, ["2", "3"], ())
-    object.__setattr__(folder.content, "table", ("csv", "netcdf"))
+    object.__setattr__(folder.inputs, "table", ("csv", "netcdf"))
     with h5py.File(folder.root / "table.nc", "w"):
         written = write_table(folder)
     assert written.problems == []

@@ -19,8 +19,8 @@ from granpipe.errors import CaseError, DataError, RunError
 from granpipe.sweep import folder as sweep_folder
 from granpipe.sweep import slurm
 from granpipe.sweep import status as sweep_status
-from granpipe.sweep.content import Content
 from granpipe.sweep.folder import Folder, Owner, find_folder
+from granpipe.sweep.inputs import SweepInput
 from granpipe.sweep.jobs import cancel
 from granpipe.sweep.queue import jobs_of
 from granpipe.sweep.slurm import Element
@@ -151,7 +151,7 @@ def test_looking_at_a_folder_writes_nothing_into_it(folder, queue):
 def test_a_folder_that_another_process_runs_is_neither_taken_nor_rewritten(folder, monkeypatch):
     monkeypatch.setattr(sweep_folder, "_PATIENCE", 0.05)
     before = folder.case.read_bytes(), (folder.root / "points.json").read_bytes()
-    other = Folder(folder.root, Content("name: other\n", {}, beside={"axes.json": "{}"}))
+    other = Folder(folder.root, SweepInput("name: other\n", {}, beside={"axes.json": "{}"}))
     refused = pytest.raises(RunError, match=f"process {os.getpid()} on .* is running .*granpipe sweep cancel")
     with folder.started(), refused, other.started():
         pass

@@ -20,8 +20,8 @@ _REMEDY = "start the sweep or study again: it writes the file anew and keeps wha
 
 
 @dataclass(frozen=True)
-class Content:
-    """What is to be run.
+class SweepInput:
+    """What a sweep is to run: the case that it varies, its points, and what to show of them.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Content:
             write_whole(folder / name, text)
 
     @classmethod
-    def read(cls, folder: Path) -> Content:
+    def read(cls, folder: Path) -> SweepInput:
         """What `write` wrote; DataError where it is gone or damaged."""
         path = folder / "case.yaml"
         try:
