@@ -56,8 +56,10 @@ study: ready
 	    --axis replicas --axis seed --set 'material.size={diameter: 1.8 cm}' --set dem.coarse_grain_factor=1.111 \
 	    --set 'dem.max_time=4 s' --set 'homogenize.start=1 s'
 
+# bulk density: what DEM measures in the plug; the fluid needs it
 study-reactor: setup
-	$(VENV)/bin/granpipe study cases/reactor.yaml --hours 6 --set 'dem.max_time=30 s' --against cases/reactor_paper.yaml \
+	$(VENV)/bin/granpipe study cases/reactor.yaml --hours 6 --set 'dem.max_time=30 s' \
+	    --set 'material.bulk_density=559 kg/m^3' --against cases/reactor_paper.yaml \
 	    --axis model=hybrid,fluid --axis coarse_grain_factor=1.5,2.5,3 --axis plate_speed=0.05,0.1,0.2 --axis cheap \
 	    --axis youngs_modulus=5e6 --axis reservoir_height=0.53 --axis seed
 	$(VENV)/bin/python benchmarks/study.py results/reactor-study

@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-KEPT = ("case", "made", "granpipe", "machine", "options")
+KEPT = ("case", "made", "granpipe", "machine", "fill_angle_deg", "options")
 """Of study.json, for those who run the same scene or another without a study."""
 
 HOW_TO_READ = """\

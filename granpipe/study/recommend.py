@@ -13,11 +13,14 @@ from math import hypot
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from granpipe.case.reader import CaseFile, resolve, varied
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError
 from granpipe.geometry.openings import find_openings
+from granpipe.pipeline.dem_stages import FILL_ANGLE
 from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.study.budget import PLAIN, Option, advise, percent
@@ -50,6 +53,7 @@ class Recommendation:
     study : where the option is from
     proven : the option's 95 % bound is within the tolerance, not only its estimate
     guessed : the study is one of another scene
+    fill_angle : angle below edges up to which the study's vessels were filled [°]
     """
 
     file: CaseFile
@@ -57,13 +61,26 @@ class Recommendation:
     changes: Mapping[str, str]
     study: str
     proven: bool
+    fill_angle: float
     guessed: bool = False
 
     @property
     def expected(self) -> str:
         """For the user, before the run."""
         settings = ", ".join(f"{key} = {value}" for key, value in self.changes.items())
-        return "\n".join([self._forecast, f"settings: {settings}", *map("marked: {}".format, self._marks)])
+        marks = map("marked: {}".format, (*self._filling, *self._marks))
+        return "\n".join([self._forecast, f"settings: {settings}", *marks])
+
+    @property
+    def _filling(self) -> tuple[str, ...]:
+        """Where the study filled its vessels in another way, which shows below edges."""
+        now = float(np.degrees(FILL_ANGLE))
+        if math.isclose(self.fill_angle, now, abs_tol=0.1):
+            return ()
+        return (
+            f"the study filled vessels up to {self.fill_angle:g}° below edges, granpipe now does up to {now:g}°; the "
+            "error of sections with a free surface may differ",
+        )
 
     @property
     def _forecast(self) -> str:
@@ -116,7 +133,7 @@ def recommend(file: CaseFile, results: Path, tolerance: float) -> Recommendation
             option, proven = _best(former.options, tolerance, study, lambda one: _allowed(file.case, former.case, one))
             where = f"of the study in {study.parent}" if study == own else f"of granpipe's study of {study.stem}"
             changes = _settings(former.case, option)
-            return Recommendation(_changed(file.case, changes), option, changes, where, proven)
+            return Recommendation(_changed(file.case, changes), option, changes, where, proven, former.fill_angle)
     return _guess(file.case, tolerance, own)
 
 
@@ -157,6 +174,7 @@ def _scene(case: Case) -> dict[str, Any]:
     """What flows, and where: all that no numerical setting changes, nor the flow rate, with which velocities scale."""
     scene = {name: value for name, value in _plain(case).items() if name in ("outline", "material", "contact")}
     del scene["contact"]["youngs_modulus"]
+    scene["material"].pop("bulk_density", None)  # the field does not depend on it
     return scene
 
 
@@ -186,7 +204,7 @@ def _guess(case: Case, tolerance: float, own: Path) -> Recommendation:
         model = varied(former.case, option.changes)
         changes = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
         where = f"of granpipe's study of {study.stem}"
-        return Recommendation(_changed(case, changes), option, changes, where, proven, guessed=True)
+        return Recommendation(_changed(case, changes), option, changes, where, proven, former.fill_angle, guessed=True)
     raise CaseError(f"file not found: {own}; make it with granpipe study", place="--total-error")
 
 

@@ -9,6 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field
 
 from granpipe import __version__
@@ -17,6 +18,7 @@ from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError, DataError
 from granpipe.export.report import Section, markdown, write_page
+from granpipe.pipeline.dem_stages import FILL_ANGLE
 from granpipe.planning.plan import Plan
 from granpipe.progress import duration_text
 from granpipe.study.budget import TOLERANCES, Advice, ErrorBound, Option, advise, pareto, percent, sure_factor
@@ -82,9 +84,10 @@ def write_study(
 
 @dataclass(frozen=True)
 class FormerStudy:
-    """What an earlier study found: the case with everything settled, and the options."""
+    """What an earlier study found: the case with everything settled, the angle of its filling [°], and the options."""
 
     case: Case
+    fill_angle: float
     options: list[Option]
 
 
@@ -93,6 +96,7 @@ class _Stored:
     """What is read of a ``study.json``."""
 
     case: dict[str, Any]
+    fill_angle_deg: float
     options: Annotated[list[Option], Field(min_length=1)]
 
 
@@ -109,7 +113,7 @@ def read_study(study: Path) -> FormerStudy:
         if not {"whole"} <= option.statistical.keys() <= option.systematic.keys():
             raise DataError(f"{study}: damaged (the errors of {option.point} are not those of the whole); {remedy}")
     try:
-        return FormerStudy(resolve(stored.case, Places(study.name)).case, stored.options)
+        return FormerStudy(resolve(stored.case, Places(study.name)).case, stored.fill_angle_deg, stored.options)
     except CaseError as error:
         raise DataError(f"{study}: damaged ({error}); {remedy}") from error
 
@@ -351,6 +355,7 @@ def _stored(case: Case, found: Findings) -> dict[str, object]:
         "made": datetime.now().astimezone().isoformat(timespec="seconds"),
         "granpipe": __version__,
         "machine": machine(),
+        "fill_angle_deg": float(round(np.degrees(FILL_ANGLE), 3)),
         **asdict(found),
     }
 

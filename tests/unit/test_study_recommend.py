@@ -57,9 +57,13 @@ def brought_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_study(tmp_path / "shipped" / "smoke.json")
 
 
-def write_study(file: Path) -> None:
+def write_study(file: Path, fill_angle: float = 60.0) -> None:
     case = make_study(load_case(SMOKE), 1, 1, {"plate_speed": []}).case
-    stored = {"case": case.model_dump(mode="json", exclude_none=True), "options": [asdict(one) for one in OPTIONS]}
+    stored = {
+        "case": case.model_dump(mode="json", exclude_none=True),
+        "fill_angle_deg": fill_angle,
+        "options": [asdict(one) for one in OPTIONS],
+    }
     file.write_text(json.dumps(stored))
 
 
@@ -97,6 +101,16 @@ def test_a_target_of_the_case_does_not_end_the_run(results: Path) -> None:
 def test_nothing_good_enough_names_the_best(results: Path) -> None:
     with pytest.raises(CaseError, match=r"the best has 3\.0%"):
         recommend(smoke(), results, 0.01)
+
+
+def test_a_study_of_another_way_of_filling_is_marked(results: Path) -> None:
+    assert "filled" not in recommend(smoke(), results, 0.11).expected
+    write_study(results / "smoke-study" / "study.json", fill_angle=30.0)
+    assert "marked: the study filled vessels up to 30° below edges" in recommend(smoke(), results, 0.11).expected
+
+
+def test_a_bulk_density_does_not_make_another_scene(results: Path) -> None:
+    assert not recommend(smoke(material__bulk_density="600 kg/m^3"), results, 0.11).guessed
 
 
 def test_a_study_of_another_material_is_refused(results: Path) -> None:
