@@ -200,7 +200,10 @@ FILES: dict[str, tuple[object, Callable[[Path], object]]] = {
         {"axes": ["dem.seed"], "chart": [], "table": ["csv"], "points": [{"name": "a", "changes": {"dem.seed": "1"}}]},
         lambda path: SweepInput.read(path.parent),
     ),
-    "study.json": ({"case": CASE, "fill_angle_deg": 60.0, "options": [OPTION]}, lambda path: advise(read_study(path).options, 0.05)),
+    "study.json": (
+        {"case": CASE, "fill_angle_deg": 60.0, "options": [OPTION]},
+        lambda path: advise(read_study(path).options, 0.05),
+    ),
     "axes.json": ({"axes": {"a": "seed"}, "forecast_seconds": {"a": 3.0}}, lambda path: read_json(path, Notes, "x")),
     "jobs.json": ({"jobs": [{"job": "7", "points": [["a", "b"]]}]}, lambda path: read_json(path, Jobs, "x")),
     "state.json": (STATE, lambda path: (read_json(path, State), State.load(path))),
