@@ -7,7 +7,7 @@ surface of the settled bed and of the flowing one, its standard error from 8 sec
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from granpipe.dem.snapshot import OWN_COLUMNS, Snapshot
 from granpipe.pipeline import dem_stages
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import StatisticalErrorCriterion
+from granpipe.pipeline.records import SettleRecord
 from granpipe.pipeline.stiffness import with_checked_stiffness
 from granpipe.planning.plan import make_plan
 from granpipe.system.jsonfile import read_json, write_json
@@ -112,7 +113,7 @@ def run(scene: Scene, results: Path, seconds: float, flow: bool) -> None:
         if flow:
             (production,) = dem_stages.simulate(plan, context, StatisticalErrorCriterion(plan))
             angles["flowing"] = surface(production.last_snapshot())
-    report = read_json(settled / "settle.json")
+    report = asdict(SettleRecord.read(settled))
     kept = {name: report[name] for name in ("steps", "particles", "wall_seconds", "overlap")}
     write_json(results / f"{scene.name}.json", {"angles": angles, "seconds": seconds, "settle": kept})
     print(scene.name, angles)

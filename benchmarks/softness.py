@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from granpipe.pipeline.averages import after_transient
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import StatisticalErrorCriterion
 from granpipe.pipeline.dem_stages import simulate
+from granpipe.pipeline.records import SettleRecord
 from granpipe.pipeline.softness import rigid_share
 from granpipe.planning.plan import make_plan
 from granpipe.system.jsonfile import read_json, write_json
@@ -90,7 +92,7 @@ def run(modulus: float, results: Path) -> None:
             "packing_se": values.std(ddof=1) / np.sqrt(len(values)),
             "overlap": overlap.mean,
             "contacts_per_particle": 2 * overlap.contacts / within.sum(),
-            "settled": read_json(production.settled / "settle.json")["overlap"],
+            "settled": asdict(SettleRecord.read(production.settled).overlap),
         },
     )
     print(path.with_suffix(".json").read_text())

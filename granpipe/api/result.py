@@ -127,13 +127,21 @@ def load_result(folder: str | PathLike[str]) -> Result:
     field = SpaceFlow(stored) if space else Flow(stored, None if case is None else Outline.from_case(case))
     if "provenance.json" not in listed:
         return Result(folder, case, field, None, (), {})
-    provenance = read_json(folder / "provenance.json")
-    try:
-        gates = tuple(Gate(**gate) for gate in provenance["quality"])
-        model = None if "sampling" in provenance else read_json(folder / "plan.json")["model"]
-        return Result(folder, case, field, model, gates, provenance["figures"])
-    except (KeyError, TypeError) as error:
-        raise DataError(f"{folder}: damaged ({error!r}); delete it and run again") from None
+    provenance = read_json(folder / "provenance.json", _Provenance)
+    model = None if provenance.sampling is not None else read_json(folder / "plan.json", _Plan).model
+    return Result(folder, case, field, model, provenance.quality, provenance.figures)
+
+
+@dataclass(frozen=True)
+class _Provenance:
+    quality: tuple[Gate, ...]
+    figures: dict[str, Any]
+    sampling: str | None = None
+
+
+@dataclass(frozen=True)
+class _Plan:
+    model: Literal["dem", "fluid", "hybrid"]
 
 
 def _case_in(folder: Path) -> Case:

@@ -11,10 +11,10 @@ from granpipe.case.yamlfile import Places
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import Convergence
 from granpipe.pipeline.dem_stages import simulate
+from granpipe.pipeline.records import SettleRecord
 from granpipe.planning.plan import make_plan
 from granpipe.progress import Progress
 from granpipe.system.cores import usable_cores
-from granpipe.system.jsonfile import read_json
 from granpipe.system.rates import Rates, keep_rates, require_place
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
@@ -49,5 +49,5 @@ def _rate(ranks: int, progress: Progress) -> float:
         versions = library_versions() | program_versions(store.root / "programs.json")
         context = Context(store, versions, progress, ranks)
         (production,) = simulate(plan, context, lambda _: Convergence())
-        spent = [read_json(production.settled / "settle.json"), production.reports()[-1]]
-        return plan.particle_steps * ranks / sum(float(one["processor_seconds"]) for one in spent)
+        settled, produced = SettleRecord.read(production.settled), production.reports()[-1]
+        return plan.particle_steps * ranks / (settled.processor_seconds + produced.processor_seconds)

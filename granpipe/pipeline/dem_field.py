@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -37,9 +37,9 @@ from granpipe.pipeline.gates import (
 )
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.production import Production
+from granpipe.pipeline.records import OverlapRecord, SettleRecord
 from granpipe.pipeline.softness import as_rigid, rigid_share
 from granpipe.planning.plan import Plan
-from granpipe.system.jsonfile import read_json
 
 
 def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
@@ -48,11 +48,11 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
     segments = [sums for production in productions for sums in production.sums()]
     simulated = after_transient(segments, plan.case)
     reports = [production.reports() for production in productions]
-    overlap = float(np.mean([report["reference_overlap"] for run in reports for report in run]))
+    overlap = float(np.mean([report.reference_overlap for run in reports for report in run]))
     steady = as_rigid(simulated, overlap)
     averaged = averaged_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
     field = replace(averaged.field, extra=ExtraSums.of(plan).arrays(steady, averaged.field.inside_fraction))
-    settled = [read_json(production.settled / "settle.json") for production in productions]
+    settled = [SettleRecord.read(production.settled) for production in productions]
     figures = averaged.figures | run_statistics(steady, plan.case.outline.levels)
     if angles := _surface_angles(field, plan):
         figures["surface_angles"] = angles
@@ -65,7 +65,7 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
         gates=(
             *average_gates(plan.case, averaged, merge(steady)),
             *(_size_gate(bed) for bed in settled),
-            *_overlap_gates(bed["overlap"] for bed in settled),
+            *_overlap_gates([bed.overlap for bed in settled]),
             PACKING.gate(averaged.plug.packing),
             *(discharge.gates if discharge is not None else ()),
             upward_gate(field),
@@ -84,14 +84,14 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
             "bulk_density_kg_per_m3": plan.case.material.density * averaged.plug.packing,
             "reference_overlap": overlap,
             "overlap_correction": rigid_share(overlap),
-            "particles": [run[-1]["particles"] for run in reports],
+            "particles": [run[-1].particles for run in reports],
             "youngs_modulus_pa": settings.youngs_modulus,
             "time_step_s": settings.time_step,
-            "settled_overlap": [bed["overlap"] for bed in settled],
-            "inserted_to_settle": [bed["inserted"] for bed in settled],
-            "short_insertions": [bed["short_insertions"] for bed in settled],
-            "produce_wall_seconds": [sum(_last_of_each_run(run, "wall_seconds")) for run in reports],
-            "averaging_seconds": [sum(_last_of_each_run(run, "averaging_seconds")) for run in reports],
+            "settled_overlap": [asdict(bed.overlap) for bed in settled],
+            "inserted_to_settle": [bed.inserted for bed in settled],
+            "short_insertions": [bed.short_insertions for bed in settled],
+            "produce_wall_seconds": [sum(_last_of_each_run([one.wall_seconds for one in run])) for run in reports],
+            "averaging_seconds": [sum(_last_of_each_run([one.averaging_seconds for one in run])) for run in reports],
         },
         productions=tuple(productions),
         notes=(*(() if discharge is None else (f"discharge rate: {discharge}",)), *run_notes(figures)),
@@ -114,15 +114,15 @@ def _surface_angles(field: Field, plan: Plan) -> dict[str, dict[str, float]]:
     return {name: angle._asdict() for name, angle in found.items() if angle is not None}
 
 
-def _overlap_gates(overlaps: Iterable[dict[str, float]]) -> list[Gate]:
+def _overlap_gates(beds: Sequence[OverlapRecord]) -> list[Gate]:
     """Overlap of the particles of the softest settled bed."""
-    found = list(overlaps)
-    return [OVERLAPS[i].gate(max(one[name] for one in found)) for i, name in enumerate(("mean", "p99"))]
+    mean, p99 = OVERLAPS
+    return [mean.gate(max(bed.mean for bed in beds)), p99.gate(max(bed.p99 for bed in beds))]
 
 
-def _size_gate(bed: dict[str, Any]) -> Gate:
+def _size_gate(bed: SettleRecord) -> Gate:
     """Mass share of each size class in the bed against the distribution of the case."""
-    return SIZE_SHARE.gate(float(np.abs(np.array(bed["mass_share"]) - np.array(bed["wanted_mass_share"])).max()))
+    return SIZE_SHARE.gate(float(np.abs(np.array(bed.mass_share) - np.array(bed.wanted_mass_share)).max()))
 
 
 def run_statistics(segments: Sequence[Sums], levels: Levels) -> dict[str, Any]:
@@ -156,7 +156,6 @@ def _plain(asymmetry: OffCentre) -> dict[str, Any]:
     }
 
 
-def _last_of_each_run(reports: list[dict[str, Any]], name: str) -> list[float]:
+def _last_of_each_run(values: list[float]) -> list[float]:
     """Counters that start anew with every resumed run: their last value of each run."""
-    values = [report[name] for report in reports]
     return [value for value, after in zip(values, [*values[1:], -np.inf], strict=True) if after < value]

@@ -27,10 +27,10 @@ from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import Criterion, RunningAverage
 from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.production import Production, ProductionRun, copy_walls, limits_of
+from granpipe.pipeline.records import OverlapRecord, SettleRecord, WallRecord
 from granpipe.planning.plan import Plan
 from granpipe.progress import Silent
 from granpipe.system.files import digest
-from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.pool import Task, run_together
 from granpipe.system.store import Store, evidence_kept, key_of
 
@@ -88,14 +88,8 @@ def make_walls(plan: Plan, context: Context) -> Path:
 
     def work(folder: Path) -> None:
         walls = build_walls(plan.outline, folder=folder, facets=_facets(plan), **_wall_lengths(plan))
-        report = {
-            "facets": walls.facets,
-            "wall_radius": walls.radius,
-            "inward": walls.inward,
-            "triangles": dict(walls.triangles),
-            "plate_area": walls.plate_area,
-        }
-        write_json(folder / "walls.json", report)
+        triangles = dict(walls.triangles)
+        WallRecord(walls.facets, walls.radius, walls.inward, triangles, walls.plate_area).write(folder)
 
     return context.store.make("walls", key, work)
 
@@ -195,45 +189,44 @@ class _Replica:
                 self.progress.update(share, f"{status.particles} particles{rest}")
                 yield
         bed = read_snapshot(folder / "settled.bin", DUMP_COLUMNS)
-        spent = {
-            "wall_seconds": time.monotonic() - begun,
-            "processor_seconds": process.processor_seconds(),
-            "ranks": settings.ranks,
-        }
-        write_json(folder / "settle.json", _settle_report(status, bed, self.deck) | spent)
+        seconds = time.monotonic() - begun, process.processor_seconds()
+        _settle_record(status, bed, self.deck, seconds, settings.ranks).write(folder)
         for path in folder.glob("*.stl"):
             path.unlink()
 
 
 def compose_deck(plan: Plan, walls: Path) -> Deck:
     settings, outline = plan.dem, plan.outline
-    report = read_json(walls / "walls.json")
-    margin = settings.classes.largest + settings.skin / 2 + report["inward"]
+    report = WallRecord.read(walls)
+    margin = settings.classes.largest + settings.skin / 2 + report.inward
     above_plate = settings.plate_z + settings.classes.largest + settings.skin / 2
     frusta = insertion_frusta(
         outline, settings.feed_top, above_plate, margin, float(FILL_ANGLE), 2 * settings.classes.smallest
     )
     meshes = [f"obstacle_{name}" for name in outline.obstacles]
-    return make_deck(plan.case, settings, frusta, meshes, report["wall_radius"])
+    return make_deck(plan.case, settings, frusta, meshes, report.wall_radius)
 
 
-def _settle_report(status: Status, bed: Snapshot, deck: Deck) -> dict[str, Any]:
-    """What was inserted, class by class: LIGGGHTS inserts the largest first, and a shortfall distorts the sizes."""
+def _settle_record(status: Status, bed: Snapshot, deck: Deck, seconds: tuple[float, float], ranks: int) -> SettleRecord:
+    """What was inserted, class by class; `seconds` are wall and processor time."""
     radii = np.array([c.radius for c in deck.classes])
     members = np.abs(bed.radius[:, None] - radii).argmin(axis=1)
     mass = np.bincount(members, minlength=len(radii)) * radii**3
     wanted = np.array([c.share for c in deck.classes]) * radii**3
     overlap = measure_overlap(bed.position, bed.radius)
-    return {
-        "steps": status.step,
-        "particles": len(bed),
-        "inserted": status.inserted,
-        "short_insertions": status.short_insertions,
-        "mass_share": (mass / mass.sum()).tolist(),
-        "wanted_mass_share": (wanted / wanted.sum()).tolist(),
-        "youngs_modulus": deck.youngs_modulus,
-        "overlap": {"mean": overlap.mean, "p99": overlap.p99},
-    }
+    return SettleRecord(
+        steps=status.step,
+        particles=len(bed),
+        inserted=status.inserted,
+        short_insertions=status.short_insertions,
+        mass_share=tuple((mass / mass.sum()).tolist()),
+        wanted_mass_share=tuple((wanted / wanted.sum()).tolist()),
+        youngs_modulus=deck.youngs_modulus,
+        overlap=OverlapRecord(overlap.mean, overlap.p99),
+        wall_seconds=seconds[0],
+        processor_seconds=seconds[1],
+        ranks=ranks,
+    )
 
 
 def _found(store: Store, stage: str, key: str) -> str:

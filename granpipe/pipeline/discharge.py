@@ -14,6 +14,7 @@ from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import plug_levels
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
 from granpipe.pipeline.gates import DISCHARGE, Gate
+from granpipe.pipeline.records import SegmentRecord
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def measure_discharge(
     steady: Sequence[Sums],
     z_range: tuple[float, float],
     density: float,
-    reports: Mapping[int, Sequence[Mapping[str, Any]]],
+    reports: Mapping[int, Sequence[SegmentRecord]],
     time_step: float,
 ) -> Discharge:
     """The discharge rate of an average.
@@ -91,12 +92,12 @@ def measure_discharge(
     return Discharge(rate(merge(steady)), error, sum(mass for mass, _ in counted) / time if time > 0 else None)
 
 
-def _counted(reports: Sequence[Mapping[str, Any]], first_step: float) -> Iterator[tuple[float, float]]:
+def _counted(reports: Sequence[SegmentRecord], first_step: float) -> Iterator[tuple[float, float]]:
     """Mass [kg] and steps between the ends of neighbouring segments of the average, by one process each."""
     for one, other in pairwise(reports):
-        same_process = other["wall_seconds"] > one["wall_seconds"]
-        if same_process and one["counted_to_step"] >= first_step - 1:
+        same_process = other.wall_seconds > one.wall_seconds
+        if same_process and one.counted_to_step >= first_step - 1:
             yield (
-                other["discharged_mass_kg"] - one["discharged_mass_kg"],
-                other["counted_to_step"] - one["counted_to_step"],
+                other.discharged_mass_kg - one.discharged_mass_kg,
+                other.counted_to_step - one.counted_to_step,
             )

@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from granpipe.errors import CaseError, DataError
+from granpipe.errors import CaseError
 from granpipe.field import Field, Grid, flux_from_psi
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
+from granpipe.pipeline.provenance import read_gates
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
 from granpipe.planning.submodel import Span
-from granpipe.system.jsonfile import read_json
+from granpipe.system.manifest import MANIFEST, read_manifest, verify
 
 KEY = ("fluid", "known_field")
 
@@ -33,9 +34,11 @@ def known_results(plan: Plan) -> list[tuple[Span, ModelResult]]:
     CaseError
         the field is not one of this vessel, does not cover the spans, has no stream function, or no downward flow
     DataError
-        the file cannot be read
+        the file cannot be read, or it or its gates have changed since granpipe wrote them
     """
     path = Path(plan.case.fluid.known_field or "")
+    if path.name == "field.npz" and (path.parent / MANIFEST).exists():
+        verify(path.parent, path.name, *({"provenance.json"} & read_manifest(path.parent).keys()))
     field = Field.load(path)
     _check_flow(field, path)
     gates, notes = _quality(path)
@@ -62,12 +65,10 @@ def _check_flow(field: Field, path: Path) -> None:
 
 
 def _quality(path: Path) -> tuple[tuple[Gate, ...], tuple[str, ...]]:
-    """Gates that the run of the field has failed, as its results folder tells; a note where it does not."""
-    try:
-        gates = [Gate(**gate) for gate in read_json(path.parent / "provenance.json")["quality"]]
-    except (DataError, KeyError, TypeError):
+    """Gates that the run of the field has failed, as its results folder tells; a note where there is none."""
+    if not (path.parent / "provenance.json").exists():
         return (), (f"{path} has no provenance.json beside it: whether its run passed its gates is not known",)
-    return tuple(gate.of(str(path)) for gate in gates if not gate.passed), ()
+    return tuple(gate.of(str(path)) for gate in read_gates(path.parent) if not gate.passed), ()
 
 
 def _cut_out(field: Field, span: Span, plan: Plan, path: Path) -> Field:

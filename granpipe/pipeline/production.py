@@ -13,7 +13,6 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from granpipe.dem.deck import DUMP_COLUMNS, Deck, render
 from granpipe.dem.dump import read_snapshot
@@ -28,16 +27,16 @@ from granpipe.homogenize.average import Collector, Sums
 from granpipe.pipeline.convergence import RunningAverage
 from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.health_limits import flow_limits
+from granpipe.pipeline.records import SegmentRecord
 from granpipe.pipeline.softness import reference_overlap
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress, duration_text
 from granpipe.system.files import check_space, remove_leftovers
-from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.manifest import is_unchanged, is_whole, read_manifest, verify
 from granpipe.system.publish import publishing
 from granpipe.system.store import evidence_kept
 
-_LASTING = ("sums.npz", "segment.json")
+_LASTING = ("sums.npz", SegmentRecord.name)
 _TO_RESUME = ("restart", "snapshot.bin")
 _KEPT_RESTARTS = 2
 _AT_ONCE = 8  # snapshots
@@ -77,9 +76,9 @@ class Production:
         """The particles at the end."""
         return read_snapshot(self.segments[-1] / "snapshot.bin", DUMP_COLUMNS)
 
-    def reports(self) -> list[dict[str, Any]]:
+    def reports(self) -> list[SegmentRecord]:
         """What each segment noted of itself."""
-        return [read_json(segment / "segment.json") for segment in self.segments]
+        return [SegmentRecord.read(segment) for segment in self.segments]
 
 
 class ProductionRun:
@@ -184,13 +183,13 @@ class ProductionRun:
         fallen = int((bed.position[:, 2] < catcher).sum())
         return FlowHealth(settings, self.plan.case, vessel, len(bed), fallen)
 
-    def publish(self, number: int, sums: Sums, restart: Path, snapshot: Path, report: dict[str, Any]) -> None:
+    def publish(self, number: int, sums: Sums, restart: Path, snapshot: Path, report: SegmentRecord) -> None:
         """Let a segment appear, and take the restart file from all but the newest."""
         with publishing(self._segment(number)) as folder:
             sums.save(folder / "sums.npz")
             restart.replace(folder / "restart")
             shutil.copyfile(snapshot, folder / "snapshot.bin")
-            write_json(folder / "segment.json", report)
+            report.write(folder)
         if number > _KEPT_RESTARTS:
             old = self._segment(number - _KEPT_RESTARTS)
             for name in _TO_RESUME:
@@ -304,19 +303,19 @@ class _Watch:
             self.health.closely(snapshot)
 
     def _publish(self, sums: Sums, restart: Path, snapshot: Path, status: Status) -> None:
-        report = {
-            "particles": self.count,
-            "inserted": status.inserted,
-            "discharged": status.discharged,
-            "discharged_mass_kg": status.discharged_mass,
-            "counted_to_step": status.step,
-            "reference_overlap": self.overlap.mean,
-            "averaging_seconds": self.averaging,
-            "checking_seconds": self.checking,
-            "wall_seconds": time.monotonic() - self.started,
-            "processor_seconds": self.process.processor_seconds(),
-            "ranks": self.settings.ranks,
-        }
+        report = SegmentRecord(
+            particles=self.count,
+            inserted=status.inserted,
+            discharged=status.discharged,
+            discharged_mass_kg=status.discharged_mass,
+            counted_to_step=status.step,
+            reference_overlap=self.overlap.mean,
+            averaging_seconds=self.averaging,
+            checking_seconds=self.checking,
+            wall_seconds=time.monotonic() - self.started,
+            processor_seconds=self.process.processor_seconds(),
+            ranks=self.settings.ranks,
+        )
         check_space(self.run.folder, 3 * restart.stat().st_size)
         self.run.publish(self.segment, sums, restart, snapshot, report)
         self.segment += 1

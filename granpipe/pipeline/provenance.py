@@ -46,6 +46,49 @@ class Provenance:
         return _numbers(self.figures)
 
 
+def read_gates(folder: Path) -> tuple[Gate, ...]:
+    """The quality gates of a folder that ``granpipe run`` or ``homogenize`` has written.
+
+    Raises
+    ------
+    DataError : there are none, or they are damaged
+    """
+    return read_json(folder / "provenance.json", _Quality).quality
+
+
+@dataclass(frozen=True)
+class _Quality:
+    quality: tuple[Gate, ...]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where the results of a case come from, see `results.case_origin`."""
+
+    file: str
+    outline: str
+    case: str
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What tells whether results are those of a case: their key, gates and origin."""
+
+    key: str
+    quality: tuple[Gate, ...]
+    origin: Origin
+
+    @classmethod
+    def read(cls, folder: Path) -> Identity:
+        """That of a results folder.
+
+        Raises
+        ------
+        DataError : there is none, or it is damaged
+        """
+        return read_json(folder / "provenance.json", cls)
+
+
 def _numbers(figures: dict[str, Any], above: str = "") -> Iterator[tuple[str, float]]:
     for name, value in figures.items():
         if isinstance(value, dict):

@@ -19,9 +19,10 @@ from granpipe.export.report import write_run_report
 from granpipe.field import Field
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
+from granpipe.pipeline.provenance import Identity, Origin
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Plan
-from granpipe.system.jsonfile import read_json, write_json
+from granpipe.system.jsonfile import write_json
 from granpipe.system.manifest import has_manifest, is_whole
 from granpipe.system.publish import renewing
 from granpipe.system.rates import known_rates
@@ -39,12 +40,11 @@ def results_key(case: Case, versions: Mapping[str, str]) -> str:
 def is_current(folder: Path, key: str) -> tuple[Gate, ...] | None:
     """The failed gates of results that are whole and belong to this key; None if they are to be made."""
     try:
-        provenance = read_json(folder / "provenance.json")
-        gates = [Gate(**gate) for gate in provenance["quality"]]
-    except (DataError, KeyError, TypeError):
+        made = Identity.read(folder)
+    except DataError:
         return None
-    current = provenance["key"] == key and is_whole(folder)
-    return tuple(gate for gate in gates if not gate.passed) if current else None
+    current = made.key == key and is_whole(folder)
+    return tuple(gate for gate in made.quality if not gate.passed) if current else None
 
 
 def check_folder(folder: Path, file: CaseFile) -> None:
@@ -73,14 +73,14 @@ def check_folder(folder: Path, file: CaseFile) -> None:
         )
 
 
-def case_origin(file: CaseFile) -> dict[str, str]:
+def case_origin(file: CaseFile) -> Origin:
     """What tells a case from another one of the same name: where its file is, its outline, and all of it."""
     case = file.case.model_dump(mode="json")
-    return {
-        "file": str(file.path.resolve()) if file.path else "",
-        "outline": key_of("outline", 1, case["outline"]),
-        "case": key_of("case", 1, case),
-    }
+    return Origin(
+        file=str(file.path.resolve()) if file.path else "",
+        outline=key_of("outline", 1, case["outline"]),
+        case=key_of("case", 1, case),
+    )
 
 
 def _other_case(folder: Path, file: CaseFile) -> str | None:
@@ -89,17 +89,16 @@ def _other_case(folder: Path, file: CaseFile) -> str | None:
     A case whose keys are changed goes on, and so does one whose file was copied, or moved while its outline stays.
     """
     try:
-        there = read_json(folder / "provenance.json")["origin"]
-        path, outline, case = str(there["file"]), there["outline"], there["case"]
-    except (DataError, KeyError, TypeError):
+        there = Identity.read(folder).origin
+    except DataError:
         return None
     ours = case_origin(file)
-    if case == ours["case"]:
+    if there.case == ours.case:
         return None
-    elsewhere = ours["file"] and Path(path).is_file()
-    if path == ours["file"] != "" or (outline == ours["outline"] and not elsewhere):
+    elsewhere = ours.file and "\0" not in there.file and Path(there.file).is_file()
+    if there.file == ours.file != "" or (there.outline == ours.outline and not elsewhere):
         return None
-    return path or "with another outline"
+    return there.file or "with another outline"
 
 
 def write_results(

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from granpipe.case.reader import CaseFile
@@ -95,7 +95,7 @@ def _run(file: CaseFile, plan: Plan, folder: Path, context: Context, begun: floa
     for note in made.notes:
         context.progress.note(f"note: {note}")
     context.progress.stage("results")
-    provenance = {"key": key, "versions": context.versions, "origin": case_origin(file)}
+    provenance = {"key": key, "versions": context.versions, "origin": asdict(case_origin(file))}
     failed = write_results(folder, plan, made, provenance, begun, context.progress.note)
     return Outcome(folder, failed)
 

@@ -9,8 +9,8 @@ from granpipe.case.reader import varied
 from granpipe.dem import contact
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_stages import settle
+from granpipe.pipeline.records import SettleRecord
 from granpipe.planning.plan import Plan, decisions_of, make_plan
-from granpipe.system.jsonfile import read_json
 
 MOST_RETRIES = 2
 """How often the modulus is chosen again, at most."""
@@ -42,8 +42,8 @@ def with_checked_stiffness(plan: Plan, context: Context) -> Plan:
 
 def overlap(settled: Path) -> tuple[float, float]:
     """Mean overlap of a settled bed and its 99th percentile."""
-    measured = read_json(settled / "settle.json")["overlap"]
-    return float(measured["mean"]), float(measured["p99"])
+    measured = SettleRecord.read(settled).overlap
+    return measured.mean, measured.p99
 
 
 def _stiffer(plan: Plan, cores: int, youngs: float, why: str) -> Plan:

@@ -23,8 +23,8 @@ from granpipe.homogenize.psi_field import BLOCKS
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, effective_samples, standard_error
 from granpipe.pipeline.averages import after_transient, averaged_field, statistical_errors
 from granpipe.pipeline.production import Production
+from granpipe.pipeline.records import SegmentRecord, SettleRecord
 from granpipe.planning.plan import Plan
-from granpipe.system.jsonfile import read_json
 
 WINDOWS, SHORTER = 7, 0.8
 """Lengths of a run that are looked at, and each over the one before: early ones are all transient."""
@@ -105,7 +105,7 @@ class FinishedRun:
     def wall_seconds(self) -> float:
         """Wall time that the chains took one after the other, other programs beside them or not."""
         reports = (production.reports()[-1] for production in self.productions)
-        return sum(float(report["wall_seconds"]) for report in reports)
+        return sum(report.wall_seconds for report in reports)
 
     def _stops(self, run: int) -> list[float]:
         return [sums.stop for sums in self.segments if sums.run == run]
@@ -113,18 +113,18 @@ class FinishedRun:
     @property
     def cores(self) -> int:
         """How many cores the chains keep busy side by side."""
-        return sum(int(production.reports()[-1]["ranks"]) for production in self.productions)
+        return sum(production.reports()[-1].ranks for production in self.productions)
 
 
 def _clock(production: Production) -> Array:
     """Segments note the time since LIGGGHTS was last started; where it falls, production was resumed."""
     seconds = [_per_rank(report) for report in production.reports()]
     resumed = np.cumsum([0.0, *(before if after < before else 0.0 for before, after in pairwise(seconds))])
-    return _per_rank(read_json(production.settled / "settle.json")) + resumed + seconds
+    return _per_rank(SettleRecord.read(production.settled)) + resumed + seconds
 
 
-def _per_rank(report: dict[str, Any]) -> float:
-    return float(report["processor_seconds"]) / int(report["ranks"])
+def _per_rank(report: SettleRecord | SegmentRecord) -> float:
+    return report.processor_seconds / report.ranks
 
 
 @dataclass(frozen=True)

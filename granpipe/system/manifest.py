@@ -13,8 +13,10 @@ from pathlib import Path
 
 from granpipe.errors import DataError
 from granpipe.system.files import digest, write_whole
+from granpipe.system.reading import read_bytes
 
 MANIFEST = "manifest.json"
+MOST_BYTES = 100_000_000
 
 
 def write_manifest(folder: Path) -> dict[str, str]:
@@ -35,7 +37,7 @@ def read_manifest(folder: Path) -> dict[str, str]:
     """
     path = folder / MANIFEST
     try:
-        match json.loads(path.read_bytes()):
+        match json.loads(read_bytes(path, MOST_BYTES)):
             case {"files": dict(files), "sha256": str(seal)} if seal == _seal(files):
                 return files
     except FileNotFoundError:

@@ -23,7 +23,8 @@ from granpipe.system.files import (
     unique,
 )
 from granpipe.system.locks import locked
-from granpipe.system.manifest import MANIFEST, write_manifest
+from granpipe.system.manifest import MANIFEST, MOST_BYTES, write_manifest
+from granpipe.system.reading import read_bytes
 
 
 @contextlib.contextmanager
@@ -119,7 +120,7 @@ def _written(target: Path) -> defaultdict[str, set[str]]:
     found: defaultdict[str, set[str]] = defaultdict(set)
     for folder in (target, *_journals(target)):
         with contextlib.suppress(OSError, ValueError, RecursionError):
-            match json.loads((folder / MANIFEST).read_bytes()):
+            match json.loads(read_bytes(folder / MANIFEST, MOST_BYTES)):
                 case {"files": dict(files)}:
                     for name, sha256 in files.items():
                         if isinstance(sha256, str) and not {"", ".", ".."} & {*name.split("/")}:

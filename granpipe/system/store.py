@@ -18,8 +18,9 @@ from granpipe import __version__
 from granpipe.errors import DataError, RunError
 from granpipe.system.files import explained, remove_leftovers
 from granpipe.system.locks import locked, shared
-from granpipe.system.manifest import is_whole
+from granpipe.system.manifest import MOST_BYTES, is_whole
 from granpipe.system.publish import lock_file, publishing
+from granpipe.system.reading import read_bytes
 
 _MARKER = "stage.json"
 """In every folder of the store: what granpipe made it for. Only folders that have it are ever removed."""
@@ -149,7 +150,7 @@ def _mark(folder: Path, stage: str, key: str) -> None:
 def _is_marked(folder: Path) -> bool:
     """Whether the marker in a folder of the store says that granpipe made it: the key is part of the folder's name."""
     with contextlib.suppress(OSError, ValueError, RecursionError):
-        match json.loads((folder / _MARKER).read_bytes()):
+        match json.loads(read_bytes(folder / _MARKER, MOST_BYTES)):
             case {"stage": str(), "key": str(key)}:
                 return f"-{key}" in folder.name
     return False

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fakes.analytic_flow import binary_snapshot, text_snapshot
+from fakes.records import SEGMENT, SETTLED, WALLS
 from fakes.synthetic import field_of, pipe
 from fuzz.limits import HangError, bounded
 from fuzz.mutate import BINARY, TEXT, inputs
@@ -31,7 +32,8 @@ from granpipe.dem.dump_binary import is_complete
 from granpipe.dem.wall_contacts import read_wall_contacts
 from granpipe.errors import CaseError, DataError, GranpipeError
 from granpipe.field import Field
-from granpipe.pipeline.provenance import Provenance
+from granpipe.pipeline.provenance import Identity, Provenance, read_gates
+from granpipe.pipeline.records import SegmentRecord, SettleRecord, WallRecord
 from granpipe.planning.plan import make_plan
 from granpipe.study.budget import advise
 from granpipe.study.findings import Notes
@@ -41,6 +43,7 @@ from granpipe.sweep.inputs import SweepInput
 from granpipe.sweep.queue import Jobs
 from granpipe.sweep.state import State
 from granpipe.system.jsonfile import read_json
+from granpipe.system.manifest import _seal, read_manifest
 from granpipe.system.rates import Rates
 
 SEED = 20261122
@@ -186,6 +189,10 @@ CASE = {
     "material": {"density": 1000, "size": {"diameter": 0.02}}, "dem": {"max_time": 1.0}, "model": "dem",
 }  # fmt: skip
 STATE = asdict(State("abc", "running", "produce", 0.5, "step 7", "", (), "node", 12, "7_1", 1.5e9, 1.6e9))
+MANIFEST = {"files": {"a": "1f"}, "sha256": _seal({"a": "1f"})}
+IDENTITY = {
+    "key": "k", "quality": [GATE], "origin": {"file": "/a/case.yaml", "outline": "o", "case": "c"},
+}  # fmt: skip
 OPTION = {
     "point": "base", "method": "psi", "travel": 1.5, "seconds": 9.0, "cores": 1, "statistical": {"whole": 0.01},
     "blocks": 20.0, "systematic": {"whole": {"value": 0.01, "upper": 0.02}}, "changes": {"dem.max_time": "4"},
@@ -196,6 +203,8 @@ FILES: dict[str, tuple[object, Callable[[Path], object]]] = {
         {"wall_seconds": 1.5, "quality": [GATE], "figures": {"flow": 1.0, "errors": {"whole": 0.1}}},
         lambda path: list(Provenance.read(path.parent).numbers),
     ),
+    "provenance.json of a case": (IDENTITY, lambda path: Identity.read(path.parent)),
+    "provenance.json of a known field": ({"quality": [GATE]}, lambda path: read_gates(path.parent)),
     "points.json": (
         {"axes": ["dem.seed"], "chart": [], "table": ["csv"], "points": [{"name": "a", "changes": {"dem.seed": "1"}}]},
         lambda path: SweepInput.read(path.parent),
@@ -209,7 +218,10 @@ FILES: dict[str, tuple[object, Callable[[Path], object]]] = {
     "state.json": (STATE, lambda path: (read_json(path, State), State.load(path))),
     "rates.json": ({"cpu": {"made": "2026", "rates": {"1": 1e6}}}, lambda path: read_json(path, dict[str, Rates])),
     "programs.json": ({"liggghts 1 2": "3.8"}, lambda path: read_json(path, dict[str, str])),
-    "segment.json": ({"particles": 3, "wall_seconds": 1.0, "ranks": 1}, read_json),
+    "segment.json": (asdict(SEGMENT), lambda path: SegmentRecord.read(path.parent)),
+    "settle.json": (asdict(SETTLED), lambda path: SettleRecord.read(path.parent)),
+    "walls.json": (asdict(WALLS), lambda path: WallRecord.read(path.parent)),
+    "manifest.json": (MANIFEST, lambda path: read_manifest(path.parent)),
 }  # fmt: skip
 
 
@@ -219,9 +231,9 @@ def test_json(tmp_path: Path, fuzz_inputs: int, name: str) -> None:
     (tmp_path / "case.yaml").write_text("name: hopper\n")
     sources = [json.dumps(content).encode(), json.dumps(content, indent=1).encode()]
     refused = check_all(
-        tmp_path / name, inputs(SEED, sources, (*TEXT, nest), fuzz_inputs // len(FILES)), read, DataError
+        tmp_path / name.partition(" ")[0], inputs(SEED, sources, (*TEXT, nest), fuzz_inputs), read, DataError
     )
-    assert 0.1 * fuzz_inputs / len(FILES) < refused
+    assert 0.1 * fuzz_inputs < refused
 
 
 def nest(rng: random.Random, data: bytes) -> bytes:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
+from fakes.records import WALLS
 
 from granpipe.case.reader import read_case
 from granpipe.errors import DataError
@@ -30,6 +30,6 @@ def test_what_the_store_has_lost_is_an_error_and_is_not_made_again(
     if walls_are_left:
         folder = store.folder("walls", dem_stages._walls_key(plan, VERSIONS))
         folder.mkdir(parents=True)
-        (folder / "walls.json").write_text(json.dumps({"wall_radius": 0.06, "inward": 0.0}))
+        WALLS.write(folder)
     with pytest.raises(DataError, match="run it again"):
         finished_productions(plan, store, VERSIONS)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from fakes.records import settled
 
 from granpipe.case.reader import load_case
 from granpipe.dem import contact
 from granpipe.pipeline import stiffness
 from granpipe.pipeline.context import Context
+from granpipe.pipeline.records import OverlapRecord
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Silent
 from granpipe.system.store import Store
@@ -28,7 +29,7 @@ def with_checked_stiffness(
     def settle(plan: Plan, *_: object) -> Path:
         tried.append(plan.dem.youngs_modulus)
         mean, p99 = overlaps(plan.dem.youngs_modulus)
-        (tiny.parent / "settle.json").write_text(json.dumps({"overlap": {"mean": mean, "p99": p99}}))
+        settled(overlap=OverlapRecord(mean, p99)).write(tiny.parent)
         return tiny.parent
 
     monkeypatch.setattr(stiffness, "settle", settle)

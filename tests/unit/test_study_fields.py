@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fakes.records import SETTLED, segment
 
 from granpipe.field import Field, Grid, divergence, flux_from_psi
 from granpipe.study.fields import FinishedRun, refined
@@ -32,12 +32,12 @@ class Chain:
         return (Segment(self.run, float(number), number + 1.0) for number in range(len(self.wall)))
 
     def reports(self):
-        return [{"processor_seconds": seconds, "ranks": 1} for seconds in self.wall]
+        return [segment(processor_seconds=seconds) for seconds in self.wall]
 
 
 @pytest.fixture
 def settled(tmp_path: Path) -> Path:
-    (tmp_path / "settle.json").write_text(json.dumps({"processor_seconds": 3.0, "ranks": 1}))
+    SETTLED.write(tmp_path)
     return tmp_path
 
 

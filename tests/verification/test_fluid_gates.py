@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granpipe.case.reader import read_case
-from granpipe.errors import CaseError
+from granpipe.errors import CaseError, DataError
 from granpipe.field import Field, flux_from_psi
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid.wall_speed import WallLaw
@@ -22,6 +22,7 @@ from granpipe.pipeline.known_field import known_results
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Silent
+from granpipe.system.manifest import write_manifest
 from granpipe.system.store import Store
 
 Points = list[list[float]]
@@ -207,6 +208,28 @@ def test_the_marks_of_the_run_that_is_followed_stay_with_the_hybrid(tmp_path: Pa
     ((_, made),) = followed(tmp_path, path)
     assert [gate.name for gate in made.gates] == [f"{path}: packing in the plug"]
     assert made.notes == ()
+
+
+@pytest.mark.parametrize("name", ["field.npz", "provenance.json", "manifest.json"])
+def test_a_field_whose_folder_has_changed_since_it_was_written_is_refused(tmp_path: Path, name: str) -> None:
+    earlier = tmp_path / "earlier"
+    earlier.mkdir()
+    path = saved(earlier, VESSEL)
+    (earlier / "provenance.json").write_text(json.dumps({"quality": []}))
+    write_manifest(earlier)
+    ((_, made),) = followed(tmp_path, path)
+    assert made.notes == ()
+    (earlier / name).write_bytes((earlier / name).read_bytes() + b" " if name != "manifest.json" else b"{}")
+    with pytest.raises(DataError, match="damaged"):
+        followed(tmp_path, path)
+
+
+@pytest.mark.parametrize("text", ["{}", '{"quality": [{"name": "x"}]}', "[]", "no JSON"])
+def test_a_field_whose_gates_cannot_be_read_is_refused(tmp_path: Path, text: str) -> None:
+    path = saved(tmp_path, VESSEL)
+    (tmp_path / "provenance.json").write_text(text)
+    with pytest.raises(DataError, match=r"provenance\.json: damaged"):
+        followed(tmp_path, path)
 
 
 # --- seams ------------------------------------------------------------------------------------------------------------
