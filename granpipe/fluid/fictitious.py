@@ -74,7 +74,7 @@ def solve_fluid(
     )
 
 
-def to_field(solution: FluidSolution, grid: Grid, inside_fraction: Array, bulk_packing: float = 1.0) -> Field:
+def to_field(solution: FluidSolution, grid: Grid, inside_fraction: Array, bulk_packing: float) -> Field:
     """The solution as face fluxes on a grid, divergence-free in every cell and with the whole flow through every level.
 
     Parameters
@@ -82,7 +82,7 @@ def to_field(solution: FluidSolution, grid: Grid, inside_fraction: Array, bulk_p
     solution : the fluid
     grid : r–z grid that covers the vessel
     inside_fraction : (nz, nr) part of each cell inside the outline
-    bulk_packing : φ_ref, which makes a solids flux of the fluid's velocity; 1 where the case does not tell it
+    bulk_packing : φ_ref, which makes a solids flux of the fluid's velocity
     """
     psi = bulk_packing * solution.psi_at(grid)
     flux_r, flux_z = flux_from_psi(psi, grid)

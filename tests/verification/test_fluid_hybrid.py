@@ -36,7 +36,7 @@ def known(factor: float = 1e5, intervals: tuple = ((2.0, 4.0),)) -> KnownFlow:
 
 def errors(solution: FluidSolution) -> tuple[float, float]:
     """Largest error in w over the mean speed: to the known flow at z = 3, and to a plug at z = 5.7."""
-    field = to_field(solution, GRID, np.ones(GRID.shape))
+    field = to_field(solution, GRID, np.ones(GRID.shape), 1.0)
     inside, above = (field.flux_z[np.abs(GRID.z_edges - z).argmin()] for z in (3.0, 5.7))
     return np.pi * np.abs(inside - PROFILE).max(), np.pi * np.abs(above + 1 / np.pi).max()
 
@@ -67,7 +67,7 @@ def test_fluid_follows_the_known_flow_and_is_a_plug_elsewhere(pipe):
     inside, outside = errors(solution)
     assert inside < 2e-3
     assert outside < 2e-2
-    conserving(to_field(solution, GRID, np.ones(GRID.shape)))
+    conserving(to_field(solution, GRID, np.ones(GRID.shape), 1.0))
 
 
 @pytest.mark.parametrize("factor", [1e4, 1e6])
@@ -84,7 +84,7 @@ def test_a_weak_force_does_not_suffice(pipe):
 def test_any_force_is_solved_and_conserves(pipe, factor):
     solution = solve_fluid(pipe, WallLaw(), 3.0, known=known(factor))
     assert solution.residual < 1e-12
-    conserving(to_field(solution, GRID, np.ones(GRID.shape)))
+    conserving(to_field(solution, GRID, np.ones(GRID.shape), 1.0))
 
 
 def test_walls_move_as_the_known_flow_does_where_it_is_followed(pipe):
@@ -97,7 +97,7 @@ def test_walls_move_as_the_known_flow_does_where_it_is_followed(pipe):
 
 def test_force_reaches_the_outlet_where_an_interval_does(pipe):
     flow = known(intervals=((0.0, 4.0),))
-    field = to_field(solve_fluid(pipe, WallLaw(), 1.0, known=flow), GRID, np.ones(GRID.shape))
+    field = to_field(solve_fluid(pipe, WallLaw(), 1.0, known=flow), GRID, np.ones(GRID.shape), 1.0)
     np.testing.assert_allclose(np.pi * field.flux_z[1], np.pi * PROFILE, atol=0.02)
 
 

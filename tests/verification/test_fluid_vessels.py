@@ -87,7 +87,7 @@ from granpipe.fluid.wall_speed import WallLaw
 from granpipe.geometry.section import mesh_section
 mesh = mesh_section(np.array({HOPPER.tolist()}), {{}}, {SECTIONS})
 grid = Grid.covering(1.0, 3.4, 5.9, 0.02)
-to_field(solve_fluid(mesh, WallLaw(), 1 / 3600), grid, np.ones(grid.shape))
+to_field(solve_fluid(mesh, WallLaw(), 1 / 3600), grid, np.ones(grid.shape), 1.0)
 used = resource.getrusage(resource.RUSAGE_SELF)
 print(json.dumps(used.ru_utime + used.ru_stime))
 """
