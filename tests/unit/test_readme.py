@@ -37,3 +37,9 @@ def test_the_packages_of_the_installation_page_are_those_that_setup_installs() -
     command = re.search(r"apt-get install --no-install-recommends ((?:.|\\\n)*?)\n```", PAGES[1].read_text())
     assert command is not None
     assert set(command.group(1).replace("\\\n", " ").split()) == wanted
+
+
+def test_the_overview_of_the_validation_names_every_page_of_its_folder() -> None:
+    folder = ROOT / "docs/validation"
+    named = set(re.findall(r"\]\((\w+\.md)\)", (folder / "index.md").read_text()))
+    assert named == {page.name for page in folder.glob("*.md")} - {"index.md"}
