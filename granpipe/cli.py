@@ -19,6 +19,7 @@ from granpipe.system.surroundings import prepare
 
 if TYPE_CHECKING:
     from granpipe.case.reader import CaseFile
+    from granpipe.pipeline.gates import Gate
     from granpipe.sweep.folder import Folder
 
 INTERRUPTED = 130
@@ -163,10 +164,7 @@ def run(case: Path, overrides: Mapping[str, str], results: Path, total_error: fl
     click.echo(f"results in {outcome.folder}" if outcome.made else f"nothing to do: {outcome.folder} is up to date")
     if chosen is not None:
         click.echo(chosen.obtained(outcome.folder))
-    for gate in outcome.failed:
-        click.echo(f"quality gate failed: {gate}", err=True)
-    if outcome.failed:
-        sys.exit(QUALITY_FAILED)
+    _end(outcome.failed)
 
 
 @main.command()
@@ -218,25 +216,14 @@ def outline(
     Reads DXF, CSV, COMSOL meshes (.mphtxt), STEP, BREP, STL and OBJ. Instead of pasting, a case can name the drawing:
     `outline: {file: silo.dxf}`.
     """
-    from granpipe.case.units import UnitError, length_unit
-    from granpipe.drawings.read import read_drawing
-    from granpipe.export.outline_picture import outline_picture
-    from granpipe.geometry.outline import Outline
-    from granpipe.planning.vessel_text import outline_yaml, vessel_text
+    from granpipe.pipeline.drawing import drawn_vessel
 
-    drawing = read_drawing(file, unit, axis, up or "", tolerance)
-    try:
-        section, metres = drawing.section, length_unit(drawing.unit)
-    except UnitError as error:
-        raise click.BadParameter(f"{drawing.unit}: {error}", param_hint="--unit") from None
-    checked = Outline.of(section.wall * metres, {name: one * metres for name, one in section.obstacles.items()})
     path = picture or file.with_name(f"{file.name}.outline.png")
-    outline_picture(section.wall, section.obstacles, drawing.unit, path)
-    click.echo(vessel_text(checked), err=True)
-    for note in section.notes:
-        click.echo(f"note: {note}", err=True)
+    vessel = drawn_vessel(file, path, unit, axis, up or "", tolerance)
+    click.echo(vessel.text, err=True)
+    _tell(f"note: {note}" for note in vessel.notes)
     click.echo(f"picture in {path}", err=True)
-    click.echo(outline_yaml(drawing.unit, section.wall, section.obstacles), nl=False)
+    click.echo(vessel.yaml, nl=False)
 
 
 @main.command()
@@ -302,8 +289,7 @@ def clean(results: Path) -> None:
         return
     freed, foreign = Store(store).clear()
     click.echo(f"freed {freed / 1e6:.1f} MB; the next run starts from the beginning")
-    for folder in foreign:
-        click.echo(f"kept {folder}: granpipe has not written it", err=True)
+    _tell(f"kept {folder}: granpipe has not written it" for folder in foreign)
 
 
 @main.command()
@@ -403,10 +389,7 @@ def homogenize(
     click.echo(f"field in {out}; sampled by {made.sampling}; method: {made.method}")
     for note in made.notes:
         click.echo(f"note: {note}")
-    for gate in made.failed:
-        click.echo(f"quality gate failed: {gate}", err=True)
-    if made.failed:
-        sys.exit(QUALITY_FAILED)
+    _end(made.failed)
 
 
 @main.command()
@@ -433,8 +416,7 @@ def study(
     from granpipe.pipeline.run import plan_case
     from granpipe.study.axes import read_axes
     from granpipe.study.points import make_study
-    from granpipe.study.run import prepare_study, report_study
-    from granpipe.sweep.status import marked
+    from granpipe.study.run import run_study
     from granpipe.system.cores import usable_cores
     from granpipe.system.rates import known_rates
 
@@ -443,29 +425,12 @@ def study(
     cores = cores or usable_cores()
     other = None if against is None else plan_case(_read(against), cores)
     made = make_study(_read(case, overrides).case, hours, cores, read_axes(axes), known_rates())
-    for line in made.left_out:
-        click.echo(line, err=True)
-    prepared = prepare_study(made, results)
+    _tell(made.left_out)
     with Console() as console:
-        if prepared.points and on == "slurm":
-            from granpipe.sweep.file import read_profile
-            from granpipe.sweep.jobs import submit
-
-            submit(prepared.folder, prepared.points, read_profile(cluster), console)
-            click.echo(f"follow it with: granpipe sweep status {prepared.folder.root}; then run this command again")
-            return
-        from granpipe.sweep.local import run_here
-
-        run_here(prepared.folder, prepared.points, cores, console)
-        files, missing = report_study(prepared.folder, other, console)
-    if names := marked(prepared.folder):
-        where = f"granpipe sweep status {prepared.folder.root}"
-        click.echo(f"quality gates failed in {', '.join(names)}; see {where}", err=True)
-    for one in missing:
-        click.echo(f"{one.name}: {one.text or one.state}", err=True)
-    for file in files:
-        click.echo(f"wrote {file}")
-    if missing:
+        found = run_study(made, results, other, cores, cluster if on == "slurm" else None, console)
+    _tell(found.problems)
+    click.echo(found.text)
+    if not found.complete:
         sys.exit(GranpipeError.exit_status)
 
 
@@ -492,10 +457,10 @@ def sweep_run(
 
     Points that are done or in the queue are not run again.
     """
-    from granpipe.sweep.file import read_profile, read_sweep
+    from granpipe.sweep.file import read_sweep
     from granpipe.sweep.points import plan_points
+    from granpipe.sweep.run import run_missing
 
-    profile = read_profile(cluster) if on == "slurm" else None
     folder, points = plan_points(read_sweep(file), results)
     if write_only:
         with folder.started():
@@ -503,19 +468,12 @@ def sweep_run(
     if dry_run or write_only:
         click.echo("\n".join([str(folder.root), *(point.name for point in points)]))
         return
-    if profile is not None:
-        from granpipe.sweep.jobs import submit
-
-        with Console() as console:
-            submit(folder, points, profile, console)
-        click.echo(f"follow it with: granpipe sweep status {folder.root}")
-        return
-    from granpipe.sweep.local import run_here
-    from granpipe.system.cores import usable_cores
-
     with Console() as console:
-        run_here(folder, points, cores or usable_cores(), console)
-    _write_table(folder)
+        ended = run_missing(folder, points, cores, cluster if on == "slurm" else None, console)
+    if ended:
+        _write_table(folder)
+    else:
+        click.echo(f"follow it with: granpipe sweep status {folder.root}")
 
 
 @sweep.command("status")
@@ -523,9 +481,10 @@ def sweep_run(
 @_RESULTS
 def sweep_status(file: Path, results: Path) -> None:
     """Show the state of every point of FILE."""
+    from granpipe.study.folder import folder_of
     from granpipe.sweep.status import status_text, statuses
 
-    click.echo(status_text(statuses(_sweep_folder(file, results))))
+    click.echo(status_text(statuses(folder_of(file, results))))
 
 
 @sweep.command("cancel")
@@ -536,9 +495,10 @@ def sweep_cancel(file: Path, results: Path) -> None:
 
     What is finished is kept.
     """
+    from granpipe.study.folder import folder_of
     from granpipe.sweep.jobs import cancel
 
-    click.echo(cancel(_sweep_folder(file, results)))
+    click.echo(cancel(folder_of(file, results)))
 
 
 @sweep.command("table")
@@ -546,7 +506,9 @@ def sweep_cancel(file: Path, results: Path) -> None:
 @_RESULTS
 def sweep_table(file: Path, results: Path) -> None:
     """Write the table and chart of the points that are done."""
-    _write_table(_sweep_folder(file, results))
+    from granpipe.study.folder import folder_of
+
+    _write_table(folder_of(file, results))
 
 
 @sweep.command("points", hidden=True)
@@ -562,38 +524,17 @@ def sweep_points(folder: Path, names: tuple[str, ...], ranks: int) -> None:
         run_points(Folder(folder), names, ranks, console)
 
 
-def _sweep_folder(path: Path, results: Path) -> Folder:
-    """The folder of a sweep or study, by itself or by a sweep.yaml."""
-    from granpipe.sweep.file import is_case
-    from granpipe.sweep.folder import find_folder
-
-    if path.is_file() and is_case(path):
-        from granpipe.errors import CaseError
-        from granpipe.study.points import study_name
-
-        folder = results / study_name(_read(path).case)
-        found = f"give the folder of its study, {folder}" if folder.is_dir() else f"it has no study in {results}"
-        raise CaseError(f"is a case, not a sweep; {found}", place=str(path))
-    return find_folder(path, results)
-
-
 def _write_table(folder: Folder) -> None:
     """Table, chart, and an exit status that tells whether all points are done, and well."""
     from granpipe.sweep.collect import write_table
-    from granpipe.sweep.status import summary
 
     written = write_table(folder)
-    for one in written.statuses:
-        if one.state == "failed":
-            click.echo(f"{one.name}: {one.text}", err=True)
-    click.echo(summary(written.statuses))
-    for file in written.files:
-        click.echo(f"wrote {file}")
-    for problem in written.problems:
-        click.echo(f"granpipe: {problem}", err=True)
-    if written.problems or any(one.state != "done" for one in written.statuses):
+    _tell(written.failures)
+    click.echo(written.text)
+    _tell(f"granpipe: {problem}" for problem in written.problems)
+    if not written.complete:
         sys.exit(GranpipeError.exit_status)
-    if any(one.text for one in written.statuses):
+    if written.marked:
         sys.exit(QUALITY_FAILED)
 
 
@@ -610,6 +551,20 @@ def _read(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFile:
     from granpipe.case.reader import read_case
 
     return read_case(path, dict(overrides or {}))
+
+
+def _end(failed: Iterable[Gate]) -> None:
+    """Say which quality gates failed, and end with a status that tells it."""
+    names = [f"quality gate failed: {gate}" for gate in failed]
+    _tell(names)
+    if names:
+        sys.exit(QUALITY_FAILED)
+
+
+def _tell(lines: Iterable[str]) -> None:
+    """Lines for standard error."""
+    for line in lines:
+        click.echo(line, err=True)
 
 
 def _fail(message: str) -> NoReturn:

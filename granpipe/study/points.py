@@ -19,15 +19,15 @@ from granpipe.geometry.revolve import Turn
 from granpipe.planning.forecast import forecast as forecast_of
 from granpipe.planning.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, model_plans
 from granpipe.study.axes import Axes, Basis, StudyVariant, affordable, study_variants
+from granpipe.study.folder import study_name
 from granpipe.sweep.file import Sweep
 from granpipe.sweep.inputs import SweepInput
-from granpipe.sweep.variants import MAX_NAME, Variant
+from granpipe.sweep.variants import Variant
 from granpipe.system.rates import Rates
 
 COARSEST = 4
 """Rows are a multiple of this, so that cells can be joined to twice and four times their size."""
 
-_ENDING = "-study"
 _PLAIN = {
     "homogenize.method": "psi",
     "homogenize.fields": "[]",
@@ -72,11 +72,6 @@ class Study:
         points = {one.variant.name: one.variant for one in self.variants}
         inputs = SweepInput(self.case.to_yaml(), points, beside={"axes.json": json.dumps(axes, indent=1)})
         return Sweep(self.name, inputs, self.case.name, Places(self.name))
-
-
-def study_name(case: Case) -> str:
-    """Name of the folder of a case's study."""
-    return case.name[: MAX_NAME - len(_ENDING)] + _ENDING
 
 
 def make_study(case: Case, hours: float, cores: int, axes: Axes | None = None, rates: Rates | None = None) -> Study:

@@ -24,7 +24,7 @@ from granpipe.pipeline.dem_stages import FILL_ANGLE
 from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.study.budget import PLAIN, Option, advise, percent
-from granpipe.study.points import study_name
+from granpipe.study.folder import study_name
 from granpipe.study.report import read_study
 
 SHIPPED = Path(__file__).parents[1] / "templates" / "studies"

@@ -14,27 +14,63 @@ from granpipe.study.fluid import fluid_findings, fluid_refinement
 from granpipe.study.points import Study
 from granpipe.study.report import write_study
 from granpipe.sweep.folder import Folder
-from granpipe.sweep.points import Point, plan_points
-from granpipe.sweep.status import PointStatus, statuses
+from granpipe.sweep.points import plan_points
+from granpipe.sweep.run import run_missing
+from granpipe.sweep.status import PointStatus, marked, statuses
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """A study checked and planned: its folder, and the points that are still to be run."""
+class StudyRun:
+    """What became of a study.
 
-    folder: Folder
-    points: list[Point]
+    Parameters
+    ----------
+    text : what was written, or how to follow the jobs
+    problems : points that are not done or failed a quality gate
+    complete : whether all that this run had to do is done
+    """
+
+    text: str
+    problems: tuple[str, ...] = ()
+    complete: bool = True
 
 
-def prepare_study(study: Study, results: Path) -> Prepared:
-    """Check what is to be run; nothing is written before it is started."""
-    return Prepared(*plan_points(study.sweep(), results))
+def run_study(
+    study: Study, results: Path, other: Plan | None, cores: int, cluster: Path | None, progress: Progress
+) -> StudyRun:
+    """Run the points that are missing, then compare and report; on a cluster, submit them.
+
+    Parameters
+    ----------
+    results : folder of all results
+    other : another case, whose run time is forecast
+    cores : to keep busy here
+    cluster : what each job requests from the cluster; None: run here
+
+    Raises
+    ------
+    CaseError : a point cannot be run
+    RunError : the case itself is not done: there is nothing to compare
+    DataError, MeshError, SolveError : the comparison failed
+    """
+    folder, points = plan_points(study.sweep(), results)
+    if not run_missing(folder, points, cores, cluster if points else None, progress):
+        return StudyRun(f"follow it with: granpipe sweep status {folder.root}; then run this command again")
+    files, missing = report_study(folder, other, progress)
+    problems = [f"{one.name}: {one.text or one.state}" for one in missing]
+    if names := marked(folder):
+        where = f"granpipe sweep status {folder.root}"
+        problems.insert(0, f"quality gates failed in {', '.join(names)}; see {where}")
+    return StudyRun("\n".join(f"wrote {file}" for file in files), tuple(problems), not missing)
 
 
 def report_study(folder: Folder, other: Plan | None, progress: Progress) -> tuple[list[Path], list[PointStatus]]:
     """Compare what is done and write the report; returns its files and the points that are not done.
 
-    RunError where the case itself is not done: there is nothing to compare then.
+    Raises
+    ------
+    RunError : the case itself is not done: there is nothing to compare
+    CaseError, DataError, MeshError, SolveError : what a point left is damaged, or a solution failed
     """
     missing = [one for one in statuses(folder) if one.state != "done"]
     if any(one.name == next(iter(folder.variants)) for one in missing):

@@ -10,7 +10,7 @@ from pathlib import Path
 from granpipe.errors import GranpipeError
 from granpipe.pipeline.provenance import Provenance
 from granpipe.sweep.folder import Folder
-from granpipe.sweep.status import PointStatus, statuses
+from granpipe.sweep.status import PointStatus, statuses, summary
 from granpipe.sweep.table import Row, draw, longest_axis, write_csv, write_netcdf
 from granpipe.system.files import replace_whole, unique
 
@@ -22,6 +22,26 @@ class Written:
     statuses: list[PointStatus]
     files: list[Path]
     problems: list[GranpipeError]
+
+    @property
+    def text(self) -> str:
+        """How many points are in which state, and the files."""
+        return "\n".join([summary(self.statuses), *(f"wrote {file}" for file in self.files)])
+
+    @property
+    def failures(self) -> list[str]:
+        """Each point that failed, and why."""
+        return [f"{one.name}: {one.text}" for one in self.statuses if one.state == "failed"]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every point is done and every file written."""
+        return not self.problems and all(one.state == "done" for one in self.statuses)
+
+    @property
+    def marked(self) -> bool:
+        """Whether a point failed a quality gate."""
+        return any(one.state == "done" and one.text for one in self.statuses)
 
 
 def write_table(folder: Folder) -> Written:

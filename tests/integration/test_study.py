@@ -14,7 +14,7 @@ import pytest
 from granpipe.case.reader import load_case
 from granpipe.study.points import make_study
 from granpipe.study.report import read_study
-from granpipe.study.run import prepare_study
+from granpipe.sweep.points import plan_points
 
 SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
 ARGUMENTS = [
@@ -54,6 +54,6 @@ def test_a_study_runs_its_points_and_tells_error_against_time(tmp_path: Path) ->
     assert "Recommended settings" in page
 
     case = load_case(SMOKE, dict(text.split("=") for text in ARGUMENTS if "=" in text))
-    again = prepare_study(make_study(case, 0.002, 2, {"plate_speed": []}), tmp_path / "results")
-    assert again.folder.root == folder
-    assert not again.points
+    root, missing = plan_points(make_study(case, 0.002, 2, {"plate_speed": []}).sweep(), tmp_path / "results")
+    assert root.root == folder
+    assert not missing
