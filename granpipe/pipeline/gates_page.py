@@ -159,8 +159,8 @@ def _watched() -> list[tuple[str, str, str]]:
         ),
         (
             "flow through an opening",
-            f"at least {health.ARCH_FLOW:.0%} of the imposed one over {health.ARCH_TRAVEL:g} diameters of travel",
-            "an arch holds the particles up; bursts swing between 0.2 and 2.5 times",
+            f"at least {health.ARCH_FLOW:.0%} of the imposed one over {health.ARCH_TRAVEL:g} diameters of travel in it",
+            "an arch holds the particles up; at least 80% was seen in openings from 7.5 diameters on",
         ),
     ]
 

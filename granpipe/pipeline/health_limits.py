@@ -8,7 +8,7 @@ from granpipe.dem import contact
 from granpipe.dem.health import FlowLimits
 from granpipe.dem.settings import PACKING, Settings
 from granpipe.field import Array, Mask
-from granpipe.geometry.openings import find_openings
+from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import inside_polygon
 
@@ -27,7 +27,8 @@ def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> F
     edges = [opening for opening in openings if settings.open_outlet or opening.z > outline.z_bottom]
     return FlowLimits(
         inside=lambda r, z: _inside(outline, r, z),
-        levels={f"{opening.name} at z = {opening.z:.4g} m": opening.z for opening in openings},
+        levels={_described(opening): opening.z for opening in openings},
+        areas={_described(opening): _free_area(outline, opening.z) for opening in openings},
         flow=PACKING * bulk_flow,
         speed=speed,
         flow_energy=_flow_energy(outline, bulk_flow),
@@ -35,6 +36,16 @@ def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> F
         fall=max((opening.z - settings.lowest for opening in edges), default=0.0),
         brink=max((opening.area for opening in edges), default=0.0),
     )
+
+
+def _described(opening: Opening) -> str:
+    return f"{opening.name} at z = {opening.z:.4g} m"
+
+
+def _free_area(outline: Outline, z: float) -> float:
+    """Narrowest free area at a level, ledges included, at most that of the outlet [m²]."""
+    here = (float(outline.area(z, side)) for side in ("above", "below"))
+    return min(np.pi * outline.outlet_radius**2, *here)
 
 
 def _flow_energy(outline: Outline, bulk_flow: float) -> float:

@@ -190,6 +190,32 @@ def test_an_arch_at_the_outlet_is_named_after_some_diameters_of_plate_travel(tin
         falling(health(tiny), passes=False, diameters=9)
 
 
+def test_an_arch_in_a_throat_is_named_after_some_diameters_of_travel_in_the_throat(tiny: Path) -> None:
+    """A throat of a quarter of the outlet's area: 5/4 of a diameter of plate travel are 5 in it."""
+    wall = "[[6, 60], [6, 30], [3, 20], [3, 15], [6, 15], [6, 0]]"
+    size = {"material.size": "{diameter: 1 cm}", "dem.coarse_grain_factor": "2"}
+    case = load_case(tiny, {"outline.wall": wall, "outline.sections": "{all: [60, 0]}"} | size)
+    plan = make_plan(case)
+    settings, vessel = plan.dem, flow_limits(plan.outline, plan.dem, case.contact.wall.friction)
+    diameter = settings.classes.sauter_diameter
+    steps = round(0.1 * diameter / vessel.speed / settings.time_step)
+    spheres = column(low=0.01, high=0.6)
+    stuck = spheres[:, 2] > 0.15
+
+    def sink(watch: FlowHealth, held: np.ndarray, begins: float, ends: float) -> None:
+        """The plate sinks from one travel to another [diameters]; what is held stays where it is."""
+        for number in range(round(10 * begins), round(10 * ends) + 1):
+            travel = 0.1 * diameter * np.where(held, 0.0, number * np.where(spheres[:, 2] > 0.15, 4, 1))
+            watch.passing.add(snapshot(number * steps, spheres - travel[:, None] * [0, 0, 1]))
+
+    begins = 0.1 * (0.15 - settings.plate_z) / diameter
+    assert list(vessel.areas.values()) == pytest.approx([np.pi * 0.03**2, np.pi * 0.06**2])
+    sink(FlowHealth(settings, case, vessel, len(spheres)), np.zeros_like(stuck), 0, begins + 2)
+    sink(FlowHealth(settings, case, vessel, len(spheres)), stuck, 0, begins + 1.1)
+    with pytest.raises(RunError, match=r"0\.0% of the imposed flow has passed the throat at z = 0\.15 m.*an arch"):
+        sink(FlowHealth(settings, case, vessel, len(spheres)), stuck, 0, begins + 1.6)
+
+
 def test_what_falls_through_an_open_outlet_and_is_taken_out_has_passed_it(tiny: Path) -> None:
     watch = health(tiny, dem__outlet="open")
     spheres = column(low=0.05, high=0.2)
