@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from granpipe.errors import DataError
 from granpipe.export.nodes import Nodes, nodal_values, triangles
-from granpipe.field import Array, Field, level_flow
+from granpipe.field import Array, Field, Mask, level_flow
 from granpipe.system.surroundings import own_style
 
 if TYPE_CHECKING:
@@ -22,36 +23,67 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Polygon = Sequence[tuple[float, float]]
+Levels = Mapping[str, tuple[float, float]]
+"""Section → upper and lower level [m]."""
 
 DPI = 200
 STYLE: dict[Any, Any] = {"font.size": 9, "axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6}
 INK, STONE, REST, BLUE, RED = "#222222", "#9a9a9a", "#d9c7a8", "#1f4e8c", "#c0392b"
-LEFT, GAP, BOTTOM, TOP = 0.68, 0.42, 0.5, 0.75  # margins of a figure and between its panels [inch]
+LEFT, GAP, BOTTOM, TOP, TITLE = 0.68, 0.42, 0.5, 0.75, 0.2  # margins of a figure and between its panels [inch]
 
+FLOW_UNITS = (("m³/s", 1.0), ("m³/h", 3600.0), ("l/h", 3.6e6))
 UNITS = (("m/s", 1.0), ("mm/s", 1e3), ("m/h", 3600.0), ("mm/h", 3.6e6))
 AT_REST = 0.02  # of the mean speed over the widest level
 ELEVATION = np.radians(18.0)  # of the eye above the horizon, for the vessel
 
 
-def rz_figures(field: Field, wall: Polygon, obstacles: Mapping[str, Polygon], folder: Path) -> list[Path]:
+def rz_figures(
+    field: Field,
+    wall: Polygon,
+    obstacles: Mapping[str, Polygon],
+    folder: Path,
+    sections: Levels | None = None,
+    name: str = "",
+) -> list[Path]:
     """Draw a field at the flow rate of the case into an existing folder; return the files.
+
+    ``rz_field.png`` holds all panels, each of which is a file of its own besides; ``rz_flow.png`` the flow through
+    every level.
 
     Parameters
     ----------
     wall : (r, z) of the outer wall from the top down [m]
     obstacles : closed polygons (r, z) [m] by name
+    sections : to be named at the side
+    name : of the case, for the title
     """
-    figures = {"rz_field.png": overview, "rz_flow.png": _flow_figure}
+    title = f"{name}: {flow_text(field.bulk_flow * field.flow_scale)} of bulk" if name else ""
+    figures = {"rz_field.png": overview(field, wall, obstacles, sections, title)}
+    figures["rz_flow.png"] = _flow_figure(field, wall, obstacles, sections, title)
+    names = [*_known_panels(field), *(["error"] if field.flux_z_se is not None else [])]
+    figures |= {f"rz_{one}.png": _single(field, one, wall, obstacles, sections) for one in names}
     with own_style(STYLE):
-        for name, draw in figures.items():
-            draw(field, wall, obstacles).savefig(folder / name, dpi=DPI)
-    return [folder / name for name in figures]
+        for file, figure in figures.items():
+            figure.savefig(folder / file, dpi=DPI)
+    return [folder / file for file in figures]
 
 
-def vessel_figure(stl_paths: Sequence[Path], position: Array, radius: Array, velocity: Array, path: Path) -> None:
+def flow_text(flow: float) -> str:
+    """A flow rate [m³/s] in a unit in which it is at least 0.1, of m³/s, m³/h and l/h."""
+    unit, factor = next(((unit, factor) for unit, factor in FLOW_UNITS if abs(flow) * factor >= 0.1), FLOW_UNITS[-1])
+    return f"{flow * factor:.4g} {unit}"
+
+
+def vessel_figure(
+    stl_paths: Sequence[Path],
+    position: Array,
+    radius: Array,
+    velocity: Array,
+    path: Path,
+    scale: float = 1.0,
+    z_range: tuple[float, float] | None = None,
+) -> None:
     """Draw the vessel cut open at y = 0 and the particles behind the cut, by vertical velocity and by radius.
-
-    Velocities are those of the simulation, not those at the flow rate of the process.
 
     Parameters
     ----------
@@ -59,18 +91,19 @@ def vessel_figure(stl_paths: Sequence[Path], position: Array, radius: Array, vel
     position, velocity : (n, 3) of the particles [m], [m/s]
     radius : (n,) [m]
     path : the PNG file to write
+    scale : flow rate of the process over that of the simulation; velocities are multiplied by it
+    z_range : outlet and inlet of the user's own vessel [m]; what is beyond belongs to the simulation alone
     """
     behind = position[:, 1] > 0
-    unit, factor = readable_unit(_robust(np.linalg.norm(velocity, axis=1)))
-    w, size = velocity[behind, 2] * factor, 1e3 * radius[behind]
-    colours = {
-        f"vertical velocity, simulation [{unit}]": (w, "viridis", _downward(w, 98))
-    }  # the feed falls much faster
+    process = scale * velocity
+    unit, factor = readable_unit(_robust(np.linalg.norm(process, axis=1), 98))
+    w, size = process[behind, 2] * factor, 1e3 * radius[behind]
+    colours = {f"vertical velocity [{unit}]": (w, "viridis", _downward(w, 98))}  # the feed falls much faster
     if np.ptp(size) > 0:
         colours["particle radius [mm]"] = (size, "cividis", (float(size.min()), float(size.max())))
     images, extent = _rendered(stl_paths, position[behind], radius[behind], list(colours.values()))
     with own_style(STYLE):
-        _vessel_panels(images, extent, colours).savefig(path, dpi=DPI)
+        _vessel_panels(images, extent, colours, z_range).savefig(path, dpi=DPI)
 
 
 def readable_unit(speed: float) -> tuple[str, float]:
@@ -78,21 +111,71 @@ def readable_unit(speed: float) -> tuple[str, float]:
     return next(((unit, factor) for unit, factor in UNITS if speed * factor >= 1), UNITS[-1])
 
 
-def overview(field: Field, wall: Polygon, obstacles: Mapping[str, Polygon]) -> Figure:
+def overview(
+    field: Field,
+    wall: Polygon,
+    obstacles: Mapping[str, Polygon],
+    sections: Levels | None = None,
+    title: str = "",
+) -> Figure:
     """Panels side by side: packing where known, radial and vertical bulk velocity, streamlines.
 
     Parameters
     ----------
     wall : (r, z) of the outer wall from the top down [m]
     obstacles : closed polygons (r, z) [m] by name
+    sections : to be named at the side of the first panel
     """
-    names = [*(["packing"] if field.packing_fraction is not None else []), "u", "w", "streamlines"]
+    names = _known_panels(field)
     with own_style(STYLE):
         tall, wide = _panel_size(np.asarray(wall))
-        figure, axes = _sheet([wide] * len(names), tall)
+        figure, axes = _sheet([wide] * len(names), tall, title)
         for axis, name in zip(axes, names, strict=True):
             draw_panel(axis, field, name, wall, obstacles, labelled=axis is axes[0])
+        _name_sections(axes[0], sections or {})
     return figure
+
+
+def _known_panels(field: Field) -> list[str]:
+    return [*(["packing"] if field.packing_fraction is not None else []), "u", "w", "streamlines"]
+
+
+def _single(
+    field: Field, what: str, wall: Polygon, obstacles: Mapping[str, Polygon], sections: Levels | None
+) -> Figure:
+    """One panel as a picture of its own, which is readable on a phone."""
+    with own_style(STYLE):
+        tall, wide = _panel_size(np.asarray(wall))
+        figure, (axis,) = _sheet([wide], tall)
+        draw_panel(axis, field, what, wall, obstacles)
+        _name_sections(axis, sections or {})
+    return figure
+
+
+def _name_sections(axis: Axes, sections: Levels) -> None:
+    """Names of the sections to the right of a panel, and where one ends and the next begins."""
+    low, high = axis.get_ylim()
+    right = axis.get_xlim()[1]
+    inch = (high - low) * axis.figure.dpi / axis.bbox.height  # in m of the vessel
+    for name, (top, bottom) in sections.items():
+        across = len(name) > 2  # a word stands upright
+        room = (top - bottom) / inch
+        if room < (0.065 * len(name) if across else 0.1):
+            continue
+        axis.annotate(
+            name,
+            (right, 0.5 * (top + bottom)),
+            (6, 0),
+            textcoords="offset points",
+            va="center",
+            rotation=90 if across else 0,
+            fontsize=8,
+            color=INK,
+            annotation_clip=False,
+        )
+    for z in {level for ends in sections.values() for level in ends}:
+        axis.plot([right, right + 0.2 * inch], [z, z], color=STONE, linewidth=0.7, clip_on=False)
+    axis.set(xlim=(axis.get_xlim()[0], right), ylim=(low, high))
 
 
 def draw_panel(
@@ -120,18 +203,22 @@ def draw_panel(
     _lengths(axis, "r" if nodes.axial else "x", "z" if labelled else "")
 
 
-def _flow_figure(field: Field, outline: Polygon, obstacles: Mapping[str, Polygon]) -> Figure:
+def _flow_figure(
+    field: Field, outline: Polygon, obstacles: Mapping[str, Polygon], sections: Levels | None, title: str
+) -> Figure:
     """The vessel with its solids, and beside it the flow through every level, before and after adjustment."""
     nodes, wall = nodal_values(field), np.asarray(outline, dtype=float)
     tall, wide = _panel_size(wall)
-    figure, (vessel, flows) = _sheet([wide, 3.4], tall)
-    vessel.pcolormesh(nodes.r, nodes.z, np.where(nodes.cells, 1.0, np.nan), cmap="Greys", vmin=0, vmax=4)
-    _draw_surface(vessel, field, nodes)
-    _clip(vessel, wall, 0.0)
-    _draw_vessel(vessel, wall, obstacles, nodes)
-    _lengths(vessel, "r", "z")
-    _draw_flows(flows, field)
-    flows.set_ylim(vessel.get_ylim())
+    with own_style(STYLE):
+        figure, (vessel, flows) = _sheet([wide, 3.4], tall, title)
+        vessel.pcolormesh(nodes.r, nodes.z, np.where(nodes.cells, 1.0, np.nan), cmap="Greys", vmin=0, vmax=4)
+        _draw_surface(vessel, field, nodes)
+        _clip(vessel, wall, 0.0)
+        _draw_vessel(vessel, wall, obstacles, nodes)
+        _lengths(vessel, "r", "z")
+        _draw_flows(flows, field)
+        flows.set_ylim(vessel.get_ylim())
+        _name_sections(vessel, sections or {})
     return figure
 
 
@@ -142,12 +229,14 @@ def _panel_size(wall: Array) -> tuple[float, float]:
     return tall, max(1.3, tall * r_max / height)
 
 
-def _sheet(widths: Sequence[float], tall: float) -> tuple[Figure, list[Axes]]:
-    """A row of panels of the given sizes [inch] under a margin for their heads."""
+def _sheet(widths: Sequence[float], tall: float, title: str = "") -> tuple[Figure, list[Axes]]:
+    """A row of panels of the given sizes [inch] under a margin for their heads, and for a title."""
     from matplotlib.figure import Figure
 
-    size = (LEFT + sum(widths) + GAP * len(widths), BOTTOM + tall + TOP)
+    size = (LEFT + sum(widths) + GAP * len(widths), BOTTOM + tall + TOP + (TITLE if title else 0.0))
     figure = Figure(figsize=size)
+    if title:
+        figure.text(LEFT / size[0], 1 - 0.12 / size[1], title, fontsize=10, va="top")
     lefts = [LEFT + sum(widths[:k]) + GAP * k for k in range(len(widths))]
     places = [(x / size[0], BOTTOM / size[1], w / size[0], tall / size[1]) for x, w in zip(lefts, widths, strict=True)]
     return figure, [figure.add_axes(place) for place in places]
@@ -175,7 +264,9 @@ def _lengths(axis: Axes, across: str, up: str) -> None:
         )
     axis.spines[:].set_visible(False)
     axis.tick_params(length=3, color=INK, labelleft=bool(up))
+    inches = axis.bbox.height / axis.figure.dpi
     axis.locator_params(axis="x", nbins=4)
+    axis.locator_params(axis="y", nbins=max(3, round(2 * inches)))
     axis.set_xlabel(f"{across} [{unit}]")
     axis.set_ylabel(f"{up} [{unit}]" if up else "")
 
@@ -198,9 +289,21 @@ def _draw_packing(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     if field.packing_fraction is None:
         raise DataError("this field has no packing: a fluid knows reference_packing alone")
     values = np.where(nodes.cells, field.packing_fraction, np.nan)
-    top = max(0.65, _robust(field.packing_fraction[nodes.cells]))
-    image = axis.pcolormesh(nodes.r, nodes.z, values, cmap="cividis", vmin=0, vmax=top)
-    _bar(axis, image, "packing fraction", "neither")
+    image = axis.pcolormesh(nodes.r, nodes.z, values, cmap="cividis", vmin=0, vmax=packing_range(field, nodes.cells))
+    _bar(axis, image, "packing fraction", "max")
+
+
+def packing_range(field: Field, cells: Mask) -> float:
+    """Upper end of the colours of the packing: all but 2 % of the volume is below it.
+
+    By volume, for the cells on the axis hold few particles and their packing scatters up to 1.
+    """
+    assert field.packing_fraction is not None
+    volume = np.broadcast_to(field.grid.cell_volume, cells.shape)[cells]
+    packing = field.packing_fraction[cells]
+    order = np.argsort(packing)
+    below = np.cumsum(volume[order])
+    return max(0.65, float(packing[order][np.searchsorted(below, 0.98 * below[-1])])) if packing.size else 0.65
 
 
 def _draw_radial(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
@@ -224,6 +327,20 @@ def _draw_speed(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     _bar(axis, image, f"speed [{unit}]", "max")
 
 
+def _draw_error(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
+    """Standard error of the bulk velocity, √(σ_u² + σ_w²)."""
+    if field.flux_r_se is None or field.flux_z_se is None:
+        raise DataError("this field has no standard errors: it is a fluid's, or too few segments were averaged")
+    spread = nodal_values(
+        replace(field, flux_r=field.flux_r_se, flux_z=field.flux_z_se, packing_fraction=None, psi=None)
+    )
+    error = np.hypot(spread.bulk_u, spread.bulk_w)
+    unit, factor = readable_unit(_robust(error[nodes.solids]))
+    top = _robust(error[nodes.solids]) * factor or 1.0
+    image = _smooth(axis, nodes, error * factor, cmap="magma_r", vmin=0, vmax=top)
+    _bar(axis, image, f"standard error [{unit}]", "max")
+
+
 def _draw_streamlines(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     """Contours of the flow between axis and node, which is −2πψ where the field balances; none crosses a void."""
     from matplotlib.tri import Triangulation
@@ -245,6 +362,7 @@ PANELS: dict[str, Callable[[Axes, Field, Nodes, Array], None]] = {
     "w": _draw_vertical,
     "speed": _draw_speed,
     "streamlines": _draw_streamlines,
+    "error": _draw_error,
 }
 """What can be drawn on r–z."""
 
@@ -253,17 +371,27 @@ def _draw_flows(axis: Axes, field: Field) -> None:
     """Flow of solids through every level as a part of the flow that the plug above the plate carries."""
     reference, flow_rate = field.bulk_flow * field.bulk_packing, field.bulk_flow * field.flow_scale
     z, grid = field.grid.z_edges, field.grid
-    axis.axvspan(95, 105, color="#eeeeee", zorder=0, label="± 5 %")
+    shares = [100 * level_flow(field.flux_z, grid) / reference]
     if field.raw_flux_z is not None:
-        axis.plot(100 * level_flow(field.raw_flux_z, grid) / reference, z, color=RED, lw=1, label="plain average")
-    axis.plot(100 * level_flow(field.flux_z, grid) / reference, z, color=BLUE, lw=1.6, label="final field")
-    axis.axvline(100, color=INK, linewidth=0.8, linestyle="--", label=f"reference, {flow_rate:.3g} m³/s of bulk")
+        shares.append(100 * level_flow(field.raw_flux_z, grid) / reference)
+        axis.plot(shares[1], z, color=RED, lw=1, linestyle="--", label="plain average")
+    axis.plot(shares[0], z, color=BLUE, lw=1.6, label="final field")
+    axis.axvline(100, color=INK, linewidth=0.8, linestyle=":", label=f"reference, {flow_text(flow_rate)} of bulk")
+    limits = flow_range(np.concatenate(shares))
+    if limits[0] < 95 or limits[1] > 105:
+        axis.axvspan(95, 105, color="#eeeeee", zorder=0, label="± 5 %")
+    axis.set_xlim(limits)
     axis.set_xlabel("flow of solids through level [% of reference]")
     axis.spines[["top", "right"]].set_visible(False)
     axis.tick_params(labelleft=False)
-    low, high = axis.get_xlim()
-    axis.set_xlim(min(low, 85), max(high, 115))
     axis.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2, frameon=False, fontsize=8)
+
+
+def flow_range(shares: Array) -> tuple[float, float]:
+    """Ends of the scale for flows through levels [%]: those of the data and 100, with a margin, at least ± 0.5."""
+    low, high = min(99.5, float(np.min(shares))), max(100.5, float(np.max(shares)))
+    margin = 0.08 * (high - low)
+    return low - margin, high + margin
 
 
 def _unit(nodes: Nodes) -> tuple[str, float]:
@@ -304,7 +432,7 @@ def _bar(axis: Axes, image: Any, title: str, extend: str) -> None:
     axis.figure.colorbar(image, cax=bar, orientation="horizontal", extend=extend)
     bar.set_title(title, fontsize=8.5, pad=4)
     bar.tick_params(labelsize=7.5, length=2, pad=1.5)
-    bar.locator_params(axis="x", nbins=3)
+    bar.locator_params(axis="x", nbins=4)
 
 
 def _key(axis: Axes) -> None:
@@ -428,7 +556,10 @@ def _quiet_vtk() -> Iterator[None]:
 
 
 def _vessel_panels(
-    images: Sequence[Any], extent: tuple[float, float, float, float], colours: Mapping[str, tuple[Any, str, Any]]
+    images: Sequence[Any],
+    extent: tuple[float, float, float, float],
+    colours: Mapping[str, tuple[Any, str, Any]],
+    z_range: tuple[float, float] | None,
 ) -> Figure:
     """The images side by side, with the scale of the cut and a colour bar over each."""
     from matplotlib.cm import ScalarMappable
@@ -439,6 +570,30 @@ def _vessel_panels(
     figure, axes = _sheet([max(1.6, tall / shape)] * len(images), tall)
     for axis, image, (title, (_, colormap, limits)) in zip(axes, images, colours.items(), strict=True):
         axis.imshow(image, extent=extent, aspect=np.cos(ELEVATION), interpolation="hanning")
-        _bar(axis, ScalarMappable(Normalize(*limits), colormap), title, "neither")
+        _bar(axis, ScalarMappable(Normalize(*limits), colormap), title, "both")
         _lengths(axis, "x", "z in the plane of the cut" if axis is axes[0] else "")
+        if z_range is not None:
+            _mark_range(axis, z_range, named=axis is axes[-1])
     return figure
+
+
+def _mark_range(axis: Axes, z_range: tuple[float, float], named: bool) -> None:
+    """Levels of outlet and inlet; at the side what is the user's vessel and what belongs to the simulation alone."""
+    (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
+    for z in z_range:
+        axis.plot([left, right], [z, z], color=RED, linewidth=0.9, linestyle=(0, (5, 3)))
+    parts = {"vessel": z_range, "feeder": (z_range[1], high), "plate": (low, z_range[0])} if named else {}
+    for name, (bottom, top) in parts.items():
+        if top - bottom > 0.08 * (high - low):
+            axis.annotate(
+                name,
+                (right, 0.5 * (bottom + top)),
+                (4, 0),
+                textcoords="offset points",
+                rotation=90,
+                va="center",
+                fontsize=8,
+                color=INK if name == "vessel" else RED,
+                annotation_clip=False,
+            )
+    axis.set(xlim=(left, right), ylim=(low, high))

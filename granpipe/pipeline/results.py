@@ -236,7 +236,8 @@ def _figures(folder: Path, plan: Plan, made: ModelResult) -> None:
         from granpipe.export.pictures import rz_figures
 
         obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
-        rz_figures(made.field, outline.wall.tolist(), obstacles, folder / "figures")
+        levels = plan.case.outline.levels
+        rz_figures(made.field, outline.wall.tolist(), obstacles, folder / "figures", levels, plan.case.name)
     if "vessel" in plan.case.figures and made.productions:
         from granpipe.export.pictures import vessel_figure
 
@@ -248,6 +249,8 @@ def _figures(folder: Path, plan: Plan, made: ModelResult) -> None:
                 particles.radius,
                 particles.velocity,
                 folder / "figures" / ("vessel.png" if number == 1 else f"vessel-{number}.png"),
+                made.field.flow_scale,
+                (outline.z_bottom, outline.z_top),
             )
 
 

@@ -31,8 +31,9 @@ def test_figures_show_the_field(known: bool, tmp_path: Path) -> None:
     if known:
         field = replace(field, raw_flux_r=field.flux_r, raw_flux_z=1.02 * field.flux_z)
     paths = rz_figures(field, vessel.wall, vessel.obstacles, tmp_path)
-    assert [path.name for path in paths] == ["rz_field.png", "rz_flow.png"]
-    fields, flow = map(pixels, paths)
+    panels = [*(["rz_packing.png"] if known else []), "rz_u.png", "rz_w.png", "rz_streamlines.png"]
+    assert [path.name for path in paths] == ["rz_field.png", "rz_flow.png", *panels]
+    fields, flow = map(pixels, paths[:2])
     assert fields.std() > 0.1
     assert 0.1 < coloured(fields).mean() < 0.9
     assert len(np.unique(fields[coloured(fields)].round(2), axis=0)) > 300
@@ -43,7 +44,7 @@ def test_figures_show_the_field(known: bool, tmp_path: Path) -> None:
 
 def test_the_cavity_is_white_and_the_heap_is_not(tmp_path: Path) -> None:
     vessel = ring_vessel()
-    (path, _) = rz_figures(field_of(vessel, 0.04), vessel.wall, vessel.obstacles, tmp_path)
+    path, *_ = rz_figures(field_of(vessel, 0.04), vessel.wall, vessel.obstacles, tmp_path)
     picture = pixels(path)
     panel = packing_panel(picture)
     height, width = panel.shape[:2]
@@ -97,7 +98,7 @@ position = position[np.hypot(position[:, 0], position[:, 1]) < 0.45]
 radius = random.uniform(0.02, 0.04, len(position))
 velocity = np.zeros_like(position)
 velocity[:, 2] = -0.01 * (1 - position[:, 0])
-vessel_figure(sorted(folder.glob("*.stl")), position, radius, velocity, folder / "vessel.png")
+vessel_figure(sorted(folder.glob("*.stl")), position, radius, velocity, folder / "vessel.png", 0.5, (0.2, 1.5))
 """
 
 
