@@ -128,7 +128,7 @@ def overview(
     """
     names = _known_panels(field)
     with own_style(STYLE):
-        tall, wide = _panel_size(np.asarray(wall))
+        tall, wide = _panel_size(np.asarray(wall), field)
         figure, axes = _sheet([wide] * len(names), tall, title)
         for axis, name in zip(axes, names, strict=True):
             draw_panel(axis, field, name, wall, obstacles, labelled=axis is axes[0])
@@ -137,7 +137,8 @@ def overview(
 
 
 def _known_panels(field: Field) -> list[str]:
-    return [*(["packing"] if field.packing_fraction is not None else []), "u", "w", "streamlines"]
+    lines = ["streamlines"] if field.bulk_flow else []
+    return [*(["packing"] if field.packing_fraction is not None else []), "u", "w", *lines]
 
 
 def _single(
@@ -145,7 +146,7 @@ def _single(
 ) -> Figure:
     """One panel as a picture of its own, which is readable on a phone."""
     with own_style(STYLE):
-        tall, wide = _panel_size(np.asarray(wall))
+        tall, wide = _panel_size(np.asarray(wall), field)
         figure, (axis,) = _sheet([wide], tall)
         draw_panel(axis, field, what, wall, obstacles)
         _name_sections(axis, sections or {})
@@ -208,25 +209,25 @@ def _flow_figure(
 ) -> Figure:
     """The vessel with its solids, and beside it the flow through every level, before and after adjustment."""
     nodes, wall = nodal_values(field), np.asarray(outline, dtype=float)
-    tall, wide = _panel_size(wall)
+    tall, wide = _panel_size(wall, field)
     with own_style(STYLE):
         figure, (vessel, flows) = _sheet([wide, 3.4], tall, title)
         vessel.pcolormesh(nodes.r, nodes.z, np.where(nodes.cells, 1.0, np.nan), cmap="Greys", vmin=0, vmax=4)
         _draw_surface(vessel, field, nodes)
-        _clip(vessel, wall, 0.0)
+        _clip(vessel, wall, float(nodes.r[0]))
         _draw_vessel(vessel, wall, obstacles, nodes)
-        _lengths(vessel, "r", "z")
+        _lengths(vessel, "r" if nodes.axial else "x", "z")
         _draw_flows(flows, field)
         flows.set_ylim(vessel.get_ylim())
         _name_sections(vessel, sections or {})
     return figure
 
 
-def _panel_size(wall: Array) -> tuple[float, float]:
+def _panel_size(wall: Array, field: Field) -> tuple[float, float]:
     """Height and width of a panel [inch]: the vessel's own aspect, at most 7 high and 3.5 wide."""
-    r_max, height = float(wall[:, 0].max()), float(np.ptp(wall[:, 1]))
-    tall = min(7.0, 3.5 * height / r_max)
-    return tall, max(1.3, tall * r_max / height)
+    width, height = float(wall[:, 0].max() - field.grid.r_edges[0]), float(np.ptp(wall[:, 1]))
+    tall = min(7.0, 3.5 * height / width)
+    return tall, max(1.3, tall * width / height)
 
 
 def _sheet(widths: Sequence[float], tall: float, title: str = "") -> tuple[Figure, list[Axes]]:
@@ -327,13 +328,18 @@ def _draw_speed(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     _bar(axis, image, f"speed [{unit}]", "max")
 
 
+def error_nodes(field: Field) -> Nodes | None:
+    """Standard errors of the bulk velocity on the nodes; None where the field has none."""
+    if field.flux_r_se is None or field.flux_z_se is None:
+        return None
+    return nodal_values(replace(field, flux_r=field.flux_r_se, flux_z=field.flux_z_se, packing_fraction=None, psi=None))
+
+
 def _draw_error(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     """Standard error of the bulk velocity, √(σ_u² + σ_w²)."""
-    if field.flux_r_se is None or field.flux_z_se is None:
+    spread = error_nodes(field)
+    if spread is None:
         raise DataError("this field has no standard errors: it is a fluid's, or too few segments were averaged")
-    spread = nodal_values(
-        replace(field, flux_r=field.flux_r_se, flux_z=field.flux_z_se, packing_fraction=None, psi=None)
-    )
     error = np.hypot(spread.bulk_u, spread.bulk_w)
     unit, factor = readable_unit(_robust(error[nodes.solids]))
     top = _robust(error[nodes.solids]) * factor or 1.0

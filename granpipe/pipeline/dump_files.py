@@ -7,15 +7,18 @@ from pathlib import Path
 
 from granpipe import __version__
 from granpipe.case.schema import Case
+from granpipe.export.run_report import write_run_report
 from granpipe.field import Field
+from granpipe.geometry.outline import Outline
 from granpipe.pipeline.dumps import Homogenized
+from granpipe.pipeline.summary import field_summary
 from granpipe.system.jsonfile import write_json
 from granpipe.system.publish import publishing_new
 
 
 def write_homogenized(made: Homogenized, case: Case | None, folder: Path) -> None:
     """Write ``field.npz``, ``provenance.json`` with all that was measured, a file for ParaView and, but for rings
-    without a case, text files for COMSOL.
+    without a case, text files for COMSOL; pictures, but for a field in space, and ``report.html``.
 
     Raises
     ------
@@ -23,21 +26,41 @@ def write_homogenized(made: Homogenized, case: Case | None, folder: Path) -> Non
     """
     with publishing_new(folder) as aside:
         made.field.save(aside / "field.npz")
-        if len(made.field.grid.shape) == 3:
+        space = len(made.field.grid.shape) == 3
+        if space:
             _write_space(made.field, aside)
         else:
             _write_plane(made.field, case, aside)
+            _draw(made.field, case, aside / "figures")
         provenance = {
             "made": datetime.now().astimezone().isoformat(timespec="seconds"),
             "granpipe": __version__,
             "case": None if case is None else case.name,
             "sampling": made.sampling,
             "method": made.method,
+            "field": {} if space else field_summary(made.field, case),
             "figures": made.figures,
             "quality": [gate.as_dict() for gate in made.gates],
             "notes": made.notes,
         }
         write_json(aside / "provenance.json", provenance)
+        write_run_report(aside)
+
+
+def _draw(field: Field, case: Case | None, folder: Path) -> None:
+    """Make the pictures of a field on rings or in the plane x–z; without a case its vessel is the edge of the grid."""
+    from granpipe.export.pictures import rz_figures
+    from granpipe.export.profiles import profile_figures, section_profiles
+
+    folder.mkdir()
+    if case is None:
+        right, z = float(field.grid.r_edges[-1]), field.grid.z_edges
+        rz_figures(field, [(right, float(z[-1])), (right, float(z[0]))], {}, folder)
+        return
+    outline, levels = Outline.from_case(case), case.outline.levels
+    obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
+    rz_figures(field, outline.wall.tolist(), obstacles, folder, levels, case.name)
+    profile_figures(section_profiles(field, levels), folder)
 
 
 def _write_plane(field: Field, case: Case | None, folder: Path) -> None:

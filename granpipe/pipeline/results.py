@@ -15,11 +15,12 @@ from granpipe.case.reader import CaseFile
 from granpipe.case.schema import Case
 from granpipe.dem.settings import Decision
 from granpipe.errors import DataError, RunError
-from granpipe.export.report import write_run_report
+from granpipe.export.run_report import write_run_report
 from granpipe.field import Field
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.provenance import Identity, Origin
+from granpipe.pipeline.summary import field_summary
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Plan
 from granpipe.system.jsonfile import write_json
@@ -132,6 +133,7 @@ def write_results(
             **provenance,
             "wall_seconds": round(time.monotonic() - begun, 2),
             "forecast_seconds": round(forecast(plan, known_rates()), 2),
+            "field": field_summary(made.field, plan.case),
             **_record(plan if plan.model == "dem" else None, made),
             "submodels": {name: _record(plan.submodel(name), submodel) for name, submodel in made.submodels.items()},
         }
@@ -234,10 +236,12 @@ def _figures(folder: Path, plan: Plan, made: ModelResult) -> None:
         (folder / "figures").mkdir()
     if "rz" in plan.case.figures:
         from granpipe.export.pictures import rz_figures
+        from granpipe.export.profiles import profile_figures, section_profiles
 
         obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
         levels = plan.case.outline.levels
         rz_figures(made.field, outline.wall.tolist(), obstacles, folder / "figures", levels, plan.case.name)
+        profile_figures(section_profiles(made.field, levels), folder / "figures")
     if "vessel" in plan.case.figures and made.productions:
         from granpipe.export.pictures import vessel_figure
 

@@ -226,6 +226,8 @@ def test_files_hold_the_field(dumps, tmp_path, frame):
         assert not [name for name in stored.files if name.startswith(("r_", "flux_r"))]
     text = (tmp_path / "out" / "comsol" / "flow_spreadsheet.txt").read_text()
     assert "% x " in text
+    assert "at the scale of the dumps" in (tmp_path / "out" / "report.html").read_text() or frame
+    assert (tmp_path / "out" / "figures" / "rz_field.png").is_file() == (not frame)
     rows = np.loadtxt(text.splitlines(), comments="%")
     if frame:
         import pyvista
