@@ -16,7 +16,7 @@ from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
 from granpipe.planning.flow import check_flow_rate
-from granpipe.planning.sections import section_needs
+from granpipe.planning.sections import section_needs, section_ranges
 from granpipe.planning.submodel import Span, spans, sub_case
 from granpipe.planning.wall_factors import wall_factor_decisions
 from granpipe.progress import duration_text
@@ -190,7 +190,7 @@ class _Scene:
         notes += doubts
         notes += [] if self.case.fluid.outlet_profile == "developed" else [OUTLET_NOTE]
         plan = self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
-        factors = wall_factor_decisions(self.case, self.outline, self.outline.sections)
+        factors = wall_factor_decisions(self.case, self.outline, section_ranges(self.case, self.outline))
         return replace(plan, unfit=tuple(unfit), wall_factors=tuple(factors))
 
     def _check_density(self) -> None:
@@ -319,7 +319,7 @@ class _Scene:
                 "add one, or set model: dem",
                 ("outline", "sections"),
             )
-        rest = [name for name, need in self.needs.items() if not need.dem]
+        rest = {n: one for n, one in section_ranges(case, self.outline).items() if not self.needs[n].dem}
         unfit, doubts = self._unfit(rest)
         through = self._fluid_openings()
         notes = [*check_flow_rate(case, self.outline, through), *self._narrow(through), *doubts]

@@ -75,13 +75,13 @@ def section_needs(case: Case, outline: Outline) -> dict[str, SectionNeed]:
     """
     floors = [*_floors(case, outline), *_funnel_hoppers(case, outline)]
     found: dict[str, SectionNeed] = {}
-    for name, section in _ranges(case, outline).items():
+    for name, section in section_ranges(case, outline).items():
         above = [other for other, need in found.items() if need.model == "dem"]
         found[name] = _need(case, outline, section, floors, above[-1] if above else "")
     return found
 
 
-def _ranges(case: Case, outline: Outline) -> dict[str, Section]:
+def section_ranges(case: Case, outline: Outline) -> dict[str, Section]:
     """The sections of the case and what they leave uncovered, from the top down."""
     levels = [outline.z_top, *(z for section in case.outline.sections.values() for z in section.z), outline.z_bottom]
     uncovered = [(high, low) for high, low in zip(levels[::2], levels[1::2], strict=True)]

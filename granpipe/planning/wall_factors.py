@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
+from granpipe.case.outline import Section
 from granpipe.case.schema import Case
 from granpipe.dem.settings import Decision
 from granpipe.fluid.wall_factor import wall_factor_law
@@ -32,13 +33,12 @@ def wall_friction(case: Case) -> WallFriction:
     return WallFriction(contact.wall.friction, "assumed", False)
 
 
-def wall_factor_decisions(case: Case, outline: Outline, sections: Iterable[str]) -> Iterator[Decision]:
+def wall_factor_decisions(case: Case, outline: Outline, sections: Mapping[str, Section]) -> Iterator[Decision]:
     """One decision for each of the sections that has a converging wall."""
     if case.fluid.walls == "slip":
         return
     law, friction = wall_factor_law(), wall_friction(case)
-    for name in sections:
-        section = case.outline.sections[name]
+    for name, section in sections.items():
         corners = (float(z) for z in outline.wall[:, 1] if section.z_bottom < z < section.z_top)
         angle = max(math.atan(float(outline.wall_slope(z, "below"))) for z in (section.z_top, *corners))
         if angle <= 0:
@@ -54,7 +54,7 @@ def wall_factor_decisions(case: Case, outline: Outline, sections: Iterable[str])
         if not law.covers(angle):
             notes.append(f"no cone as flat as {math.degrees(angle):.0f}° was measured")
         yield Decision(
-            f"wall factor of section {name}",
+            f"wall factor {'of section ' * (name in case.outline.sections)}{name}",
             f"{factor:.2g}",
             f"{source}; {wall}; expect an error of about {error:.0%} of the velocity there",
             warning="; ".join(notes),

@@ -112,6 +112,20 @@ def test_a_funnel_does_not_reach_through_a_throat_above_it() -> None:
     assert [span.sections for span, _ in plan.submodels] == [("d", "e")]
 
 
+UNCOVERED = "[[90, 400], [90, 300], [60, 220], [60, 150], [90, 150], [90, 0], [24, 0], [24, -6]]"
+
+
+def test_a_shaft_that_no_section_covers_is_a_fluid_of_the_hybrid() -> None:
+    sections = "{b: {z: [300, 220], regime: mass_flow}, c: [220, 150], d: [150, 0], e: [0, -6]}"
+    plan = plan_of(UNCOVERED, model="hybrid", outline__sections=sections, dem__max_time="100 s")
+    assert [factor.name for factor in plan.wall_factors] == ["wall factor of section b"]
+
+
+def test_a_hopper_that_no_section_covers_is_no_fluid_of_the_hybrid() -> None:
+    with pytest.raises(CaseError, match=r"the vessel between z = 0.4 and 0.22 m needs DEM"):
+        plan_of(UNCOVERED, model="hybrid", outline__sections="{c: [220, 150], d: [150, 0], e: [0, -6]}")
+
+
 def test_a_ledge_that_holds_no_particle_is_no_floor_but_a_staircase_of_such_ledges_is() -> None:
     assert plan_of("[[90, 110], [90, 50], [89.5, 50], [89.5, 0]]").model == "fluid"
     assert plan_of("[[90, 110], [90, 50], [88, 50], [88, 0]]", dem__max_time="100 s").model == "dem"
