@@ -44,13 +44,6 @@ def test_the_field_carries_the_same_flow_through_every_level(finished: tuple[Pat
     np.testing.assert_allclose(flow, field.bulk_flow * field.bulk_packing, rtol=1e-10)
 
 
-def test_the_raw_flow_is_that_of_the_plate(finished: tuple[Path, Path]) -> None:
-    """A plug of measured packing on a plate of known speed: flow = packing × area × speed, within its noise."""
-    figures = provenance(finished[1] / "tiny")["figures"]
-    imposed = figures["bulk_packing"] * np.pi * 0.06**2 * 0.03
-    assert figures["solids_flow_m3_per_s"] == pytest.approx(imposed, rel=0.25)
-
-
 def test_raw_flow_and_storage_close_the_balance_of_every_row(finished: tuple[Path, Path]) -> None:
     """Flow from displacement between snapshots: what flows into a row and stays is what the row has gained."""
     chain = next((finished[1] / ".store").glob("produce-*"))
