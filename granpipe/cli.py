@@ -99,6 +99,18 @@ class _Place(click.ParamType):  # type: ignore[type-arg]
         return ends[0], ends[1]
 
 
+class _Level(click.ParamType):  # type: ignore[type-arg]
+    """`z=4.4`: a height; the command gets it in metres."""
+
+    name = "z=height"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        key, sign, text = str(value).partition("=")
+        if key.strip() != "z" or not sign:
+            self.fail(f"{value}: write it as z=HEIGHT, such as z=4.4 or z=440cm", param, ctx)
+        return _Quantity("length").convert(text, param, ctx)
+
+
 class _Override(click.ParamType):  # type: ignore[type-arg]
     """`key=value`: a dotted key of the case and its value as YAML."""
 
@@ -306,6 +318,28 @@ def scale(result: Path, flow: str, out: Path) -> None:
     if warning := scale_results(result, _read_result(result, {"flow_rate": flow}).case, out):
         click.echo(f"warning: {warning}", err=True)
     click.echo(f"scaled results in {out}")
+
+
+@main.command()
+@click.argument("result", type=_PATH)
+@click.option("--what", default="overview", show_default=True,
+              type=click.Choice(["overview", "packing", "u", "w", "speed", "streamlines", "error"]),
+              help="What to draw on the half section of the vessel.")  # fmt: skip
+@click.option("--profile", type=_Level(), metavar="z=HEIGHT",
+              help="Draw the profile across a level instead, such as z=4.4 or z=440cm.")  # fmt: skip
+@click.option("--out", type=_PATH, help="PNG file to write; default: named after RESULT, in the current folder.")
+@click.option("--show", is_flag=True, help="Open the picture with the viewer of the desktop.")
+def plot(result: Path, what: str, profile: float | None, out: Path | None, show: bool) -> None:
+    """Draw one picture of RESULT, at the flow rate of the process.
+
+    RESULT is the results folder of a completed run or of homogenize.
+    """
+    from granpipe.pipeline.plot import plot_result
+
+    path = plot_result(result, what, profile, out)
+    click.echo(f"picture in {path}")
+    if show and click.launch(str(path)) != 0:
+        click.echo(f"no viewer could be started; open {path} yourself", err=True)
 
 
 @main.command()

@@ -18,7 +18,7 @@ from granpipe.case.yamlfile import dump_yaml
 
 Model = Literal["auto", "fluid", "dem", "hybrid"]
 Format = Literal["comsol", "vtk"]
-Figure = Literal["rz", "vessel"]
+Figure = Literal["rz", "vessel", "animation"]
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,9 @@ class Case(Group):
         default=("comsol", "vtk"), description="Which files to write beside field.npz."
     )
     figures: Annotated[tuple[Figure, ...], SomeOf(Figure)] = Field(
-        default=("rz", "vessel"), description="Which pictures to make: plots on r–z, the vessel in 3-D."
+        default=("rz", "vessel"),
+        description="Which pictures to make: plots on r–z, the vessel in 3-D, an animation of the particles (it needs "
+        "`dem.keep_snapshots`).",
     )
 
     @model_validator(mode="after")
@@ -75,6 +77,8 @@ class Case(Group):
         start, end = self.homogenize.start, self.dem.max_time
         if start != "auto" and end != "auto" and start >= end:
             refuse(f"must be below dem.max_time ({end:g} s)", ("homogenize", "start"))
+        if "animation" in self.figures and self.dem.keep_snapshots == "none":
+            refuse("an animation is made of snapshots that are kept: set dem.keep_snapshots: thinned", ("figures",))
         if self.homogenize.method == "gaussian" and self.dem.statistical_error is not None:
             refuse(
                 "belongs to homogenize.method: psi, which knows its error; leave it out", ("dem", "statistical_error")

@@ -61,7 +61,7 @@ def rz_figures(
     figures = {"rz_field.png": overview(field, wall, obstacles, sections, title)}
     figures["rz_flow.png"] = _flow_figure(field, wall, obstacles, sections, title)
     names = [*_known_panels(field), *(["error"] if field.flux_z_se is not None else [])]
-    figures |= {f"rz_{one}.png": _single(field, one, wall, obstacles, sections) for one in names}
+    figures |= {f"rz_{one}.png": panel_figure(field, one, wall, obstacles, sections) for one in names}
     with own_style(STYLE):
         for file, figure in figures.items():
             figure.savefig(folder / file, dpi=DPI)
@@ -141,10 +141,15 @@ def _known_panels(field: Field) -> list[str]:
     return [*(["packing"] if field.packing_fraction is not None else []), "u", "w", *lines]
 
 
-def _single(
+def panel_figure(
     field: Field, what: str, wall: Polygon, obstacles: Mapping[str, Polygon], sections: Levels | None
 ) -> Figure:
-    """One panel as a picture of its own, which is readable on a phone."""
+    """One of `PANELS` as a picture of its own, which is readable on a phone; arguments as for `overview`.
+
+    Raises
+    ------
+    DataError : the field does not have it
+    """
     with own_style(STYLE):
         tall, wide = _panel_size(np.asarray(wall), field)
         figure, (axis,) = _sheet([wide], tall)

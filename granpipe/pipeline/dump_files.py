@@ -9,8 +9,8 @@ from granpipe import __version__
 from granpipe.case.schema import Case
 from granpipe.export.run_report import write_run_report
 from granpipe.field import Field
-from granpipe.geometry.outline import Outline
 from granpipe.pipeline.dumps import Homogenized
+from granpipe.pipeline.plot import DrawnVessel
 from granpipe.pipeline.summary import field_summary
 from granpipe.system.jsonfile import write_json
 from granpipe.system.publish import publishing_new
@@ -48,19 +48,14 @@ def write_homogenized(made: Homogenized, case: Case | None, folder: Path) -> Non
 
 
 def _draw(field: Field, case: Case | None, folder: Path) -> None:
-    """Make the pictures of a field on rings or in the plane x–z; without a case its vessel is the edge of the grid."""
+    """Make the pictures of a field on rings or in the plane x–z."""
     from granpipe.export.pictures import rz_figures
     from granpipe.export.profiles import profile_figures, section_profiles
 
     folder.mkdir()
-    if case is None:
-        right, z = float(field.grid.r_edges[-1]), field.grid.z_edges
-        rz_figures(field, [(right, float(z[-1])), (right, float(z[0]))], {}, folder)
-        return
-    outline, levels = Outline.from_case(case), case.outline.levels
-    obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
-    rz_figures(field, outline.wall.tolist(), obstacles, folder, levels, case.name)
-    profile_figures(section_profiles(field, levels), folder)
+    vessel = DrawnVessel.of(field, case)
+    rz_figures(field, vessel.wall, vessel.obstacles, folder, vessel.levels, vessel.name)
+    profile_figures(section_profiles(field, vessel.levels), folder)
 
 
 def _write_plane(field: Field, case: Case | None, folder: Path) -> None:

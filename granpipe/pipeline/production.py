@@ -76,6 +76,13 @@ class Production:
         """The particles at the end."""
         return read_snapshot(self.segments[-1] / "snapshot.bin", DUMP_COLUMNS)
 
+    def kept_frames(self, most: int) -> list[tuple[int, Snapshot]]:
+        """Step and particles of snapshots that the case has kept, at most so many, spread evenly over the run."""
+        paths = {int(path.name.split(".")[1]): path for path in (self.folder / "snapshots").glob("snapshot.*.bin")}
+        steps = sorted(paths)
+        chosen = sorted({steps[k * (len(steps) - 1) // max(1, most - 1)] for k in range(most)}) if steps else []
+        return [(step, read_snapshot(paths[step], DUMP_COLUMNS)) for step in chosen]
+
     def reports(self) -> list[SegmentRecord]:
         """What each segment noted of itself."""
         return [SegmentRecord.read(segment) for segment in self.segments]

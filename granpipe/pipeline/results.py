@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from granpipe.export.run_report import write_run_report
 from granpipe.field import Field
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
+from granpipe.pipeline.production import Production
 from granpipe.pipeline.provenance import Identity, Origin
 from granpipe.pipeline.summary import field_summary
 from granpipe.planning.forecast import forecast
@@ -30,6 +32,9 @@ from granpipe.system.rates import known_rates
 from granpipe.system.store import key_of
 
 _VERSION = 1
+
+MOST_FRAMES = 60
+"""Of an animation."""
 
 
 def results_key(case: Case, versions: Mapping[str, str]) -> str:
@@ -124,7 +129,7 @@ def write_results(
         made.field.save(aside / "field.npz")
         write_exports(made.field, plan.case, aside)
         _fluid_mesh(aside, plan, made)
-        _figures(aside, plan, made)
+        _figures(aside, plan, made, note)
         _logs(aside, made)
         record = {
             "case": plan.case.name,
@@ -230,7 +235,7 @@ def _fluid_mesh(folder: Path, plan: Plan, made: ModelResult) -> None:
     write_fluid_vtu(fluid.mesh.points, fluid.mesh.triangles, fluid.u, fluid.w, fluid.psi, folder / "fluid.vtu")
 
 
-def _figures(folder: Path, plan: Plan, made: ModelResult) -> None:
+def _figures(folder: Path, plan: Plan, made: ModelResult, note: Callable[[str], None]) -> None:
     outline = plan.outline
     if plan.case.figures:
         (folder / "figures").mkdir()
@@ -242,10 +247,10 @@ def _figures(folder: Path, plan: Plan, made: ModelResult) -> None:
         levels = plan.case.outline.levels
         rz_figures(made.field, outline.wall.tolist(), obstacles, folder / "figures", levels, plan.case.name)
         profile_figures(section_profiles(made.field, levels), folder / "figures")
-    if "vessel" in plan.case.figures and made.productions:
-        from granpipe.export.pictures import vessel_figure
+    if "vessel" in plan.case.figures:
+        for number, (part, simulated, production) in enumerate(_simulated(plan, made), start=1):
+            from granpipe.export.pictures import vessel_figure
 
-        for number, production in enumerate(made.productions, start=1):
             particles = production.last_snapshot()
             vessel_figure(
                 sorted(production.walls.glob("*.stl")),
@@ -253,9 +258,30 @@ def _figures(folder: Path, plan: Plan, made: ModelResult) -> None:
                 particles.radius,
                 particles.velocity,
                 folder / "figures" / ("vessel.png" if number == 1 else f"vessel-{number}.png"),
-                made.field.flow_scale,
-                (outline.z_bottom, outline.z_top),
+                simulated.field.flow_scale,
+                (part.outline.z_bottom, part.outline.z_top),
             )
+    if "animation" in plan.case.figures:
+        for part, simulated, production in islice(_simulated(plan, made), 1):
+            _animate(folder / "figures" / "animation.gif", part, simulated, production, note)
+
+
+def _simulated(plan: Plan, made: ModelResult) -> Iterator[tuple[Plan, ModelResult, Production]]:
+    """Every simulation of particles, with the plan and the result that it belongs to: of the case or of a sub-model."""
+    parts = [(plan.submodel(name) or plan, part) for name, part in made.submodels.items()] or [(plan, made)]
+    return ((part, simulated, production) for part, simulated in parts for production in simulated.productions)
+
+
+def _animate(path: Path, plan: Plan, made: ModelResult, production: Production, note: Callable[[str], None]) -> None:
+    from granpipe.export.animation import Frame, animation
+
+    outline, time_step = plan.outline, made.figures["time_step_s"]
+    frames = [Frame(step * time_step, particles) for step, particles in production.kept_frames(MOST_FRAMES)]
+    if len(frames) < 2:
+        note("no animation: the run kept no snapshots; `granpipe clean` and run again with dem.keep_snapshots: thinned")
+        return
+    obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
+    animation(frames, outline.wall.tolist(), obstacles, made.field.flow_scale, path)
 
 
 def _logs(folder: Path, made: ModelResult) -> None:

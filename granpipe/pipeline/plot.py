@@ -1,0 +1,81 @@
+"""`granpipe plot`: one picture of a result, drawn anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from granpipe.case.reader import read_case
+from granpipe.case.schema import Case
+from granpipe.errors import DataError, RunError
+from granpipe.field import Field
+from granpipe.geometry.outline import Outline
+from granpipe.system.manifest import has_manifest, read_manifest, verify
+
+
+@dataclass(frozen=True)
+class DrawnVessel:
+    """What is drawn round a field: outer wall and obstacles (r, z) [m], levels of the sections [m], the case's name."""
+
+    wall: Any
+    obstacles: Mapping[str, Any]
+    levels: Mapping[str, tuple[float, float]]
+    name: str
+
+    @classmethod
+    def of(cls, field: Field, case: Case | None) -> DrawnVessel:
+        """The vessel of a case; without one, the edge of the grid."""
+        if case is None:
+            right, z = float(field.grid.r_edges[-1]), field.grid.z_edges
+            return cls([(right, float(z[-1])), (right, float(z[0]))], {}, {}, "")
+        outline = Outline.from_case(case)
+        obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
+        return cls(outline.wall.tolist(), obstacles, case.outline.levels, case.name)
+
+
+def plot_result(folder: Path, what: str, z: float | None, out: Path | None) -> Path:
+    """Draw one picture of a results folder into a new PNG file; return the file.
+
+    Parameters
+    ----------
+    what : ``overview``, or one of `granpipe.export.pictures.PANELS`
+    z : draw the profile across this level [m] instead
+    out : the file; unless given, ``<folder>-<what>.png`` in the current folder
+
+    Raises
+    ------
+    DataError : the folder holds no field, or the field does not have what is to be drawn
+    RunError : the file exists
+    """
+    field, case = _opened(folder)
+    path = out or Path(f"{folder.resolve().name}-{what if z is None else f'profile-z{z:g}'}.png")
+    if path.exists():
+        raise RunError(f"{path} exists; move it away or choose another --out")
+    _figure(field, DrawnVessel.of(field, case), what, z).savefig(path, dpi=200)
+    return path
+
+
+def _opened(folder: Path) -> tuple[Field, Case | None]:
+    known = ("field.npz", "case.yaml")
+    if has_manifest(folder):
+        verify(folder, *(name for name in known if name in read_manifest(folder)))
+    field = Field.load(folder / "field.npz")
+    if len(field.grid.shape) == 3:
+        raise DataError(f"{folder}: a field in space is not drawn on a plane; open field.vtr in ParaView")
+    case = read_case(folder / "case.yaml").case if (folder / "case.yaml").exists() else None
+    return field, case
+
+
+def _figure(field: Field, vessel: DrawnVessel, what: str, z: float | None) -> Any:
+    from granpipe.export.pictures import flow_text, overview, panel_figure
+    from granpipe.export.profiles import level_profile, profile_figure
+
+    if z is not None:
+        section = next((name for name, (top, low) in vessel.levels.items() if low <= z <= top), "")
+        return profile_figure(level_profile(field, z, section))
+    if what == "overview":
+        title = f"{vessel.name}: {flow_text(field.bulk_flow * field.flow_scale)} of bulk" if vessel.name else ""
+        return overview(field, vessel.wall, vessel.obstacles, vessel.levels, title)
+    return panel_figure(field, what, vessel.wall, vessel.obstacles, vessel.levels)
