@@ -211,9 +211,9 @@ def _pictures(folder: Path, provenance: Data) -> Iterator[Section]:
     if vessels:
         caption = (
             "Particles behind the cut through the axis at the end of the simulation, by vertical velocity, scaled to "
-            "the flow rate of the process, and by radius. Red lines: inlet and outlet of your vessel, or of the part of "
-            "it that was simulated; what is above (feeder) and below (room for the plate) belongs to the simulation "
-            "alone. Particles that fall in the feeder are off the scale."
+            "the flow rate of the process, and by radius. Red lines: inlet and outlet of your vessel, or of the "
+            "part of it that was simulated; feeder above and room for the plate below belong to the simulation alone. "
+            "Particles that fall in the feeder are off the scale."
         )
         alt = "The vessel cut open, with its particles coloured by vertical velocity and by radius."
         yield Section("The particles", figures=[Picture(path, caption, alt) for path in vessels])
