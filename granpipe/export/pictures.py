@@ -472,8 +472,9 @@ def _rendered(
     cloud["radius"] = radius
     cloud["number"] = np.arange(len(radius))
     balls = cloud.glyph(scale="radius", orient=False, geom=ball)
-    surfaces = {path.stem: _surface(path, float((position[:, 2] - radius).min())) for path in stl_paths}
-    extent = _extent([surface.bounds for surface in surfaces.values()])
+    floor = float((position[:, 2] - radius).min())
+    surfaces = {path.stem: _surface(path, floor) for path in stl_paths}
+    extent = _extent([surface.bounds for surface in surfaces.values()], floor)
     with _quiet_vtk():
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=_pixels(extent))
         plotter.render_window.SetMultiSamples(0)  # they cost seconds without a graphics card; the image is scaled down
@@ -499,11 +500,15 @@ def _rendered(
     return images, extent
 
 
-def _extent(surfaces: Sequence[Sequence[float]]) -> tuple[float, float, float, float]:
-    """(x, x, z, z) that the half behind y = 0 of surfaces with these bounds fills in the view, with a margin [m]."""
+def _extent(surfaces: Sequence[Sequence[float]], floor: float) -> tuple[float, float, float, float]:
+    """(x, x, z, z) that the half behind y = 0 of surfaces with these bounds fills in the view, with a margin [m].
+
+    What is more than half a radius below the floor, the empty pipe under the plate, is left out.
+    """
     bounds = np.array(surfaces)
     x, low, high, back = np.abs(bounds[:, :2]).max(), bounds[:, 4].min(), bounds[:, 5].max(), bounds[:, 3].max()
     margin = 0.03 * float(x)
+    low = max(low, floor - 0.5 * float(x))
     return -x - margin, x + margin, low - margin, high + back * np.tan(ELEVATION) + margin
 
 
@@ -579,9 +584,10 @@ def _vessel_panels(
     shape = (extent[3] - extent[2]) * np.cos(ELEVATION) / (extent[1] - extent[0])
     tall = min(7.0, 3.5 * shape)
     figure, axes = _sheet([max(1.6, tall / shape)] * len(images), tall)
-    for axis, image, (title, (_, colormap, limits)) in zip(axes, images, colours.items(), strict=True):
+    for axis, image, (title, (values, colormap, limits)) in zip(axes, images, colours.items(), strict=True):
         axis.imshow(image, extent=extent, aspect=np.cos(ELEVATION), interpolation="hanning")
-        _bar(axis, ScalarMappable(Normalize(*limits), colormap), title, "both")
+        beyond = "both" if values.min() < limits[0] or values.max() > limits[1] else "neither"
+        _bar(axis, ScalarMappable(Normalize(*limits), colormap), title, beyond)
         _lengths(axis, "x", "z in the plane of the cut" if axis is axes[0] else "")
         if z_range is not None:
             _mark_range(axis, z_range, named=axis is axes[-1])

@@ -242,7 +242,10 @@ def _by_section(plan: Data | None, provenance: Data) -> Iterator[Section]:
     fastest = max(one["largest_speed_m_per_s"] for one in sections.values())
     unit, factor = readable_unit(fastest)
     measured = [record["figures"] for _, record in _records(provenance)]
-    head = ["section", "z [m]", f"mean velocity [{unit}]", f"largest velocity [{unit}]", "at rest [m²]", "void [m²]"]
+    largest = max(max(one["at_rest_m2"], one["void_m2"]) for one in sections.values())
+    area, per_metre = ("cm²", 1e4) if 0 < largest < 0.01 else ("m²", 1.0)
+    speeds = [f"mean velocity [{unit}]", f"largest velocity [{unit}]"]
+    head = ["section", "z [m]", *speeds, f"at rest [{area}]", f"void [{area}]"]
     extra = {
         "error": lambda figures, name: _percent(figures["statistical_error"][name]),
         "turnover": lambda figures, name: f"{figures['turnovers'][name]:.2g}",
@@ -251,7 +254,7 @@ def _by_section(plan: Data | None, provenance: Data) -> Iterator[Section]:
     rows = []
     for name, one in sections.items():
         cells = [f"{one[key] * factor:.3g}" for key in ("mean_speed_m_per_s", "largest_speed_m_per_s")]
-        cells += [f"{one[key]:.2g}" for key in ("at_rest_m2", "void_m2")]
+        cells += [f"{one[key] * per_metre:.2g}" for key in ("at_rest_m2", "void_m2")]
         row = [name, f"{one['z_m'][0]:g} to {one['z_m'][1]:g}", *cells]
         rows.append([*row, *(_first(measured, name, tell) for tell in extra.values())])
     kept = [k for k in range(len(head) + len(extra)) if k < len(head) or any(row[k] != "–" for row in rows)]
