@@ -130,7 +130,12 @@ class Grid:
 
     @classmethod
     def covering(cls, r_max: float, z_min: float, z_max: float, cell: float) -> Grid:
-        """Grid whose rows fill [z_min, z_max] exactly, with cells as near to `cell` [m] as that allows."""
+        """Grid whose rows fill [z_min, z_max] exactly, with cells as near to `cell` [m] as that allows.
+
+        Raises
+        ------
+        CaseError : the grid would have more than `MOST_CELLS` cells
+        """
         if not (z_max - z_min) * max(r_max, cell) < MOST_CELLS * cell**2:
             raise CaseError(
                 f"cells of {cell:.3g} m in a vessel of {r_max:.3g} m × {z_max - z_min:.3g} m are more than "

@@ -51,6 +51,10 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
     one, other : fields on the same grid; a standard error that a field does not have counts as none
     levels : section → upper and lower end [m]
     diameter : particle diameter d [m]
+
+    Raises
+    ------
+    DataError : the fields have different grids
     """
     grid = one.grid
     if grid.shape != other.grid.shape or not np.allclose(grid.z_edges, other.grid.z_edges):

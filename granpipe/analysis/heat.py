@@ -124,7 +124,12 @@ class Temperature:
         return np.asarray(probes @ self.values).reshape(np.shape(r))
 
     def apart(self, other: Temperature) -> tuple[float, float]:
-        """RMS over the volume, and largest, difference from another temperature on the same mesh."""
+        """RMS over the volume, and largest, difference from another temperature on the same mesh.
+
+        Raises
+        ------
+        DataError : the other temperature is on another mesh
+        """
         if self.values.shape != other.values.shape or not np.array_equal(self.mesh.points, other.mesh.points):
             raise DataError("temperatures on different meshes cannot be compared point by point")
         difference, weight = self.values - other.values, _point_volumes(self.mesh)
@@ -192,7 +197,12 @@ class Space:
         return Basis(_triangles(self.mesh), ElementTriP1(), intorder=_QUADRATURE)
 
     def through(self, name: str) -> Any:
-        """Of a part of the boundary."""
+        """Of a part of the boundary.
+
+        Raises
+        ------
+        DataError : the mesh has no such boundary
+        """
         from skfem import ElementTriP1, FacetBasis
 
         edges = self.mesh.edges[self.mesh.named(name)]

@@ -68,7 +68,12 @@ def surface_angle(field: Field, z_range: tuple[float, float], diameter: float) -
 
 
 def displacement(points: Array, others: Array) -> float:
-    """RMS distance [m] from each point (n, 2) of a line to the nearest of another (m, 2)."""
+    """RMS distance [m] from each point (n, 2) of a line to the nearest of another (m, 2).
+
+    Raises
+    ------
+    DataError : one of the lines has no point
+    """
     from scipy.spatial import KDTree
 
     if not len(points) or not len(others):

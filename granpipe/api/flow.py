@@ -213,7 +213,12 @@ class Flow:
         )
 
     def to_pyvista(self) -> pyvista.UnstructuredGrid:
-        """What ``field.vtu`` holds: cells as quads in the plane (x, z) = (r, z), velocities at their corners."""
+        """What ``field.vtu`` holds: cells as quads in the plane (x, z) = (r, z), velocities at their corners.
+
+        Raises
+        ------
+        DataError : a value of the field is not a number
+        """
         from pyvista import from_meshio
 
         from granpipe.export.vtk import vtu_mesh
@@ -222,7 +227,12 @@ class Flow:
 
     @cached_property
     def nodes(self) -> Nodes:
-        """The flow on the nodes of the grid, as it is exported."""
+        """The flow on the nodes of the grid, as it is exported.
+
+        Raises
+        ------
+        DataError : a value of the field is not a number
+        """
         return nodal_values(self.stored)
 
     def __repr__(self) -> str:

@@ -75,7 +75,12 @@ def resolve(
 
 
 def load_case(path: Path, overrides: Mapping[str, str] | None = None) -> Case:
-    """The case of a file without the places of its keys; see `read_case`."""
+    """The case of a file without the places of its keys; see `read_case`.
+
+    Raises
+    ------
+    CaseError : the file cannot be read, or a key or value is wrong
+    """
     return read_case(path, overrides).case
 
 

@@ -77,7 +77,12 @@ def read_yaml(path: Path, example: str = CASE_EXAMPLE) -> tuple[dict[str, Any], 
 
 
 def parse_yaml(text: str, file: str, example: str = CASE_EXAMPLE) -> tuple[dict[str, Any], Places]:
-    """Plain data and places of YAML text that must hold a mapping."""
+    """Plain data and places of YAML text that must hold a mapping.
+
+    Raises
+    ------
+    CaseError : the text is empty, no mapping, or not YAML that a case may use
+    """
     places = Places(file)
     node = _composed(text, places)
     if node is None:
@@ -89,7 +94,12 @@ def parse_yaml(text: str, file: str, example: str = CASE_EXAMPLE) -> tuple[dict[
 
 
 def parse_value(text: str, source: str, key: KeyPath) -> tuple[Any, Places]:
-    """Plain data of the YAML text of one value, given for a key by `source` (such as ``--set``)."""
+    """Plain data of the YAML text of one value, given for a key by `source` (such as ``--set``).
+
+    Raises
+    ------
+    CaseError : the text is not YAML that a case may use
+    """
     places = Places(source, lines=False, known={key: source})
     node = _composed(text, places)
     return (None if node is None else _Reader(places).read(node, key)), places

@@ -106,6 +106,10 @@ def make_deck(
     frusta : insertion slices from the plate to the top of the feed region
     obstacles : names of the obstacle meshes
     wall_radius : largest radius of the wall mesh, corners of its polygon included [m]
+
+    Raises
+    ------
+    CaseError : the particles find no room for insertion between the walls
     """
     seeds = _seeds(case.dem.seed)
     classes, wall = settings.classes, case.contact.wall

@@ -56,12 +56,22 @@ def begins_binary(start: bytes) -> bool:
 
 
 def first_binary_step(file: BufferedReader, path: Path) -> int:
-    """Step of the first snapshot."""
+    """Step of the first snapshot.
+
+    Raises
+    ------
+    DataError : the file is no binary dump, or damaged
+    """
     return _read_header(file, path, path.stat().st_size).step
 
 
 def read_binary(file: BufferedReader, path: Path, columns: tuple[str, ...], last_step: float) -> Iterator[Snapshot]:
-    """Snapshots of a file up to a step; see `granpipe.dem.dump.read_dump`."""
+    """Snapshots of a file up to a step; see `granpipe.dem.dump.read_dump`.
+
+    Raises
+    ------
+    DataError : the file is no binary dump, damaged, or has other columns than those named
+    """
     size = path.stat().st_size
     while file.tell() < size:
         header = _read_header(file, path, size, last_step)

@@ -29,7 +29,12 @@ def first_text_step(file: io.BufferedReader, path: Path, gzipped: bool) -> int:
 def read_text(
     file: io.BufferedReader, path: Path, gzipped: bool, columns: Sequence[str] | None, last_step: float
 ) -> Iterator[Snapshot]:
-    """Snapshots of a file up to a step; see `granpipe.dem.dump.read_dump`."""
+    """Snapshots of a file up to a step; see `granpipe.dem.dump.read_dump`.
+
+    Raises
+    ------
+    DataError : the file is no text dump, or damaged
+    """
     most_bytes = path.stat().st_size * (_GZIP_RATIO if gzipped else 1)  # what the file can hold, against absurd counts
     with _stream(file, gzipped) as stream:
         lines = _Lines(stream, path)

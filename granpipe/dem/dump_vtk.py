@@ -26,7 +26,12 @@ _COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9}
 
 
 def vtk_step(path: Path) -> int:
-    """The last whole number in the name of a file: LIGGGHTS writes the step nowhere else."""
+    """The last whole number in the name of a file: LIGGGHTS writes the step nowhere else.
+
+    Raises
+    ------
+    DataError : the name of the file holds no number
+    """
     numbers = re.findall(r"\d{1,18}", path.stem)
     if not numbers:
         raise DataError(f"{path}: the name of a VTK dump must hold its step, as dump_1000.vtk does")

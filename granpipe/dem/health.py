@@ -104,7 +104,12 @@ class FillingHealth:
         self.limit = contact.GRAVITY * (settings.wall_top - settings.lowest)
 
     def row(self, status: Status) -> None:
-        """Check a row of the thermo table."""
+        """Check a row of the thermo table.
+
+        Raises
+        ------
+        RunError : particles were lost, or move faster than they can
+        """
         check_balance(0, status)
         _check_energy(status, self.mass, self.limit, "a fall through the whole vessel")
 
@@ -129,7 +134,12 @@ class FlowHealth:
         self.passing = _Passing(settings, vessel)
 
     def row(self, status: Status) -> None:
-        """Check a row of the thermo table: particle balance and kinetic energy."""
+        """Check a row of the thermo table: particle balance and kinetic energy.
+
+        Raises
+        ------
+        RunError : particles were lost, or move faster than they can
+        """
         check_balance(self.present, status, self.fallen)
         fed = self.fed.energy(status)
         specific = _check_energy(status, self.mass, PEAK_ENERGY * self.energy + self.burst + fed, "flow and falls")
@@ -142,13 +152,23 @@ class FlowHealth:
             )
 
     def snapshot(self, snapshot: Snapshot) -> None:
-        """Check where the particles of a snapshot are and how fast."""
+        """Check where the particles of a snapshot are and how fast.
+
+        Raises
+        ------
+        RunError : particles are outside the walls or too fast, or an arch holds them up
+        """
         self._check_place(snapshot)
         self._check_speed(snapshot)
         self.passing.add(snapshot)
 
     def closely(self, snapshot: Snapshot) -> None:
-        """The dearer check, for now and then: how far the particles overlap."""
+        """The dearer check, for now and then: how far the particles overlap.
+
+        Raises
+        ------
+        RunError : the particles overlap too far
+        """
         overlap = measure_overlap(snapshot.position, snapshot.radius)
         for name, value, limit in (
             ("mean", overlap.mean, OVERLAP_MARGIN * contact.MEAN_OVERLAP),

@@ -65,26 +65,51 @@ class Snapshot:
 
     @property
     def id(self) -> NDArray[np.int64]:
-        """(n,) particle numbers."""
+        """(n,) particle numbers.
+
+        Raises
+        ------
+        DataError : the dump lacks the column
+        """
         return self.column("id").astype(np.int64)
 
     @property
     def position(self) -> Array:
-        """(n, 3) centres [m]."""
+        """(n, 3) centres [m].
+
+        Raises
+        ------
+        DataError : the dump lacks the columns
+        """
         return self._vector(("x", "y", "z"))
 
     @property
     def velocity(self) -> Array:
-        """(n, 3) [m/s]."""
+        """(n, 3) [m/s].
+
+        Raises
+        ------
+        DataError : the dump lacks the columns
+        """
         return self._vector(("vx", "vy", "vz"))
 
     @property
     def radius(self) -> Array:
-        """(n,) [m]."""
+        """(n,) [m].
+
+        Raises
+        ------
+        DataError : the dump lacks the column
+        """
         return self.column("radius")
 
     def having(self, **columns: Array | float) -> Snapshot:
-        """The same with more columns (n,), or one value for all particles; those of the same names are replaced."""
+        """The same with more columns (n,), or one value for all particles; those of the same names are replaced.
+
+        Raises
+        ------
+        DataError : the dump lacks the column
+        """
         names = tuple(name for name in self.columns if name not in columns)
         kept = [self.column(name) for name in names]
         added = [np.broadcast_to(np.asarray(column, dtype=float), len(self)) for column in columns.values()]

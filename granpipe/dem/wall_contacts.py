@@ -16,7 +16,12 @@ _MOST_BYTES = 500_000_000
 
 
 def read_wall_contacts(path: Path) -> tuple[Array, Array]:
-    """Points (n, 3) [m] of the contacts in one snapshot and forces (n, 3) [N] on the particles."""
+    """Points (n, 3) [m] of the contacts in one snapshot and forces (n, 3) [N] on the particles.
+
+    Raises
+    ------
+    DataError : the file cannot be read, or is damaged
+    """
     try:
         lines = read_bytes(path, _MOST_BYTES).decode("ascii", errors="replace").splitlines()
     except (OSError, ValueError) as error:

@@ -42,6 +42,10 @@ def write_comsol(field: Field, folder: Path, *, name: str, solids_density: float
     name : name of the case (plain ASCII, as the case file demands)
     solids_density : ρ_s [kg/m³]; ρ_s φ_ref times the bulk velocity is the true mass flux
     date : what the header states
+
+    Raises
+    ------
+    DataError : a value of the field is not a number
     """
     nodes = nodal_values(field)
     balance = balance_of(field, nodes)

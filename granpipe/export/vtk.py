@@ -24,6 +24,10 @@ def vtu_mesh(field: Field) -> meshio.Mesh:
     At the flow rate of the case. Cell data: the packing fraction where known, the part inside the outline, the bulk
     mask, and the solids flux through each of the four faces [m/s], which balances exactly as far as the field does.
     Point data: bulk and particle velocity as vectors [m/s], solids mask, ψ where known.
+
+    Raises
+    ------
+    DataError : a value of the field is not a number
     """
     import meshio
 
@@ -41,7 +45,12 @@ def vtu_mesh(field: Field) -> meshio.Mesh:
 
 
 def write_vtu(field: Field, path: Path) -> None:
-    """Write ``field.vtu``."""
+    """Write ``field.vtu``.
+
+    Raises
+    ------
+    DataError : a value of the field is not a number
+    """
     vtu_mesh(field).write(path, file_format="vtu")
 
 

@@ -55,6 +55,10 @@ def solve_fluid(
     """Solve for a flow Φ [m³/s, positive downwards] with elements of an order 2–4; the hybrid follows a known flow.
 
     The problem is linear and has no length of its own: it is solved for unit flow in a vessel of about unit size.
+
+    Raises
+    ------
+    SolveError : the equations have no unique or no accurate solution
     """
     length = 2.0 ** np.round(np.log2(mesh.points[:, 0].max()))
     annulus = law.annulus and (law.annulus[0] / length, law.annulus[1] / length)

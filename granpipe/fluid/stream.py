@@ -95,7 +95,12 @@ class StreamFunction:
 
 
 def nearest_stream_function(flow: StokesSolution, data: BoundaryData) -> StreamFunction:
-    """Fit ψ to a velocity, with the flows of the boundary data kept exactly; of one order more, where there is one."""
+    """Fit ψ to a velocity, with the flows of the boundary data kept exactly; of one order more, where there is one.
+
+    Raises
+    ------
+    SolveError : the equations have no accurate solution
+    """
     from skfem import BilinearForm, LinearForm
 
     @BilinearForm

@@ -51,7 +51,12 @@ class WallLaw:
 
     @property
     def outlet_radii(self) -> tuple[float, float]:
-        """Radii between which a prescribed outlet lets the flow out [m]."""
+        """Radii between which a prescribed outlet lets the flow out [m].
+
+        Raises
+        ------
+        CaseError : an annular outlet without its radii
+        """
         if self.outlet_profile != "annular":
             return 0.0, np.inf
         if self.annulus is None:
@@ -88,7 +93,12 @@ class BoundaryData:
 
 
 def boundary_data(mesh: RZMesh, law: WallLaw, flow: float, along: Array) -> BoundaryData:
-    """The law on the edges of a mesh, for a flow Φ [m³/s, positive downwards]."""
+    """The law on the edges of a mesh, for a flow Φ [m³/s, positive downwards].
+
+    Raises
+    ------
+    SolveError : no part of the outlet lies between the given radii
+    """
     role = edge_roles(mesh, law)
     velocity, out = np.zeros((len(role), len(along), 2)), np.zeros(len(role))
     moving, inlet, outlet = (np.flatnonzero(role == name) for name in ("moving", "inlet", "outlet"))

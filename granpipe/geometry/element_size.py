@@ -68,6 +68,10 @@ def element_size(
     law_heights : (n,) heights where the speed of the wall jumps [m]
     cells_across : elements from the axis to the wall; half as many fit between two walls
     corner_refinement : how much smaller the elements at corners are
+
+    Raises
+    ------
+    MeshError : a gap between walls or obstacles is too long and narrow for a mesh
     """
     nothing = ElementSize(np.zeros(1), np.zeros(1), np.full(1, np.inf))
     wide = nothing.joined(*_widths(edges, axis, end, cells_across)).joined(*_narrows(edges, axis, cells_across))

@@ -61,7 +61,12 @@ class Outline:
 
     @classmethod
     def from_case(cls, case: Case) -> Outline:
-        """Outline that the case describes, checked."""
+        """Outline that the case describes, checked.
+
+        Raises
+        ------
+        CaseError : the outline is not one of a vessel
+        """
         return cls.of(case.outline.wall, case.outline.obstacles, case.outline.sections)
 
     @property

@@ -42,7 +42,12 @@ class Turn:
 
     @classmethod
     def within(cls, radius: float, particle_diameter: float) -> Turn:
-        """As few facets as the chord error allows at this radius [m]."""
+        """As few facets as the chord error allows at this radius [m].
+
+        Raises
+        ------
+        MeshError : the walls would need more facets per turn than LIGGGHTS takes
+        """
         allowance = CHORD_ERROR * particle_diameter
         fewest = pi / acos(max(1 - allowance / radius, cos(pi / FEWEST_FACETS)))
         if fewest > MOST_FACETS:

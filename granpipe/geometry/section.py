@@ -40,6 +40,10 @@ def mesh_section(
     Returns
     -------
     The part of the section that joins inlet and outlet; pockets that obstacles close off are left out.
+
+    Raises
+    ------
+    MeshError : gmsh cannot mesh the section
     """
     scale = 2.0 ** np.round(np.log2(wall[:, 0].max()))  # a power of two: scaling loses no digit
     heights = _law_heights(wall, obstacles, sections)

@@ -71,6 +71,10 @@ def build_walls(
     plate_z : height of the flat disc in the outlet [m]; None: there is none
     particle_diameter : what the chord error is measured by [m]
     facets : per turn, a multiple of 4; None: as few as the chord error allows
+
+    Raises
+    ------
+    MeshError : gmsh cannot mesh the walls, or LIGGGHTS would not take them
     """
     if not (top >= outline.z_top and bottom <= outline.z_bottom):
         raise ValueError("reservoir and extension lie outside the outline")

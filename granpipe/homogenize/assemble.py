@@ -45,7 +45,12 @@ def raw_field(sums: Sums, inside_fraction: Array, plug: Plug, diameter: float, f
 
 
 def with_standard_errors(field: Field, segments: Sequence[Sums]) -> Field:
-    """A plain average with its standard errors from blocks of its segments; without where there are too few."""
+    """A plain average with its standard errors from blocks of its segments; without where there are too few.
+
+    Raises
+    ------
+    DataError : too few segments for an error
+    """
     if len(segments) < LEAST_BLOCKS:
         return field
     joined = blocks(segments)
@@ -74,6 +79,10 @@ def gaussian_field(
     diameter : particle diameter [m]
     passes : number of 5×5 Gaussian convolutions
     flow_scale : flow of the case over that of the simulation
+
+    Raises
+    ------
+    DataError : hardly any flow passes a level
     """
     raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
     faces = flowing_faces(raw.bulk, inside_fraction)
@@ -87,6 +96,10 @@ def unguided_plug(sums: Sums) -> Plug:
 
     The packing is the median over the cells that hold more than half of what the fullest tenth of all cells holds;
     the flow is the mean over all levels.
+
+    Raises
+    ------
+    DataError : there is no particle on the grid
     """
     packing = sums.mean_volume / sums.grid.cell_volume
     full = packing[packing > 0.5 * np.quantile(packing, 0.9)]

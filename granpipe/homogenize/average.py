@@ -136,7 +136,12 @@ class Sums:
 
     @classmethod
     def load(cls, path: Path) -> Sums:
-        """Read what `save` wrote."""
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        DataError : the file is damaged, or of another version
+        """
         try:
             with np.load(path, allow_pickle=False) as data:
                 stored = {name: data[name] for name in data.files}
@@ -151,7 +156,12 @@ class Sums:
 
 
 def merge(segments: Sequence[Sums]) -> Sums:
-    """One `Sums` of several segments (or of runs), in the order of run and time; refuses other grids or sampling."""
+    """One `Sums` of several segments (or of runs), in the order of run and time; refuses other grids or sampling.
+
+    Raises
+    ------
+    DataError : no segments, or segments of different grids or sampling
+    """
     if not segments:
         raise DataError("no segments to average: none was sampled, or all lie before the start of the average")
     ordered = sorted(segments, key=lambda segment: (segment.run, segment.start))
@@ -239,7 +249,12 @@ class Collector:
         self._series: list[tuple[float, Array, float, float, int]] = []
 
     def add(self, time: float, particles: Particles) -> None:
-        """Take one snapshot, later than all before it."""
+        """Take one snapshot, later than all before it.
+
+        Raises
+        ------
+        DataError : the snapshot is not later than those before it
+        """
         if self._last is not None and time <= self._last[0]:
             raise DataError(f"a snapshot at {time:g} s comes after one at {self._last[0]:g} s")
         volume = None
@@ -311,7 +326,12 @@ class Collector:
         return deposited
 
     def take(self) -> Sums:
-        """The sums of the segment so far; the next snapshot begins the next segment."""
+        """The sums of the segment so far; the next snapshot begins the next segment.
+
+        Raises
+        ------
+        DataError : too few snapshots for a segment
+        """
         if not self._series or self._first is None or self._last is None:
             raise DataError(f"too few snapshots for a segment sampled by {self.sampling}")
         time, level_flow, solids, kinetic, count = (

@@ -53,6 +53,10 @@ def measure_plug(
     diameter : particle diameter [m]: the layer of this thickness along walls is left out of the packing (its order
         lowers the mean), but not of the flow
     packing : φ_ref where the case gives it; the flow is measured all the same
+
+    Raises
+    ------
+    DataError : no row lies between the levels, or nothing flows down there
     """
     rows = _rows(sums.grid, z_range)
     flows = level_flow(sums.mean_flux[1], sums.grid)[plug_levels(sums.grid, z_range)]
@@ -76,13 +80,23 @@ def _rows(grid: Grid, z_range: tuple[float, float]) -> Mask:
 
 
 def plug_levels(grid: Grid, z_range: tuple[float, float]) -> Mask:
-    """(nz+1,) levels that bound the rows of the plug."""
+    """(nz+1,) levels that bound the rows of the plug.
+
+    Raises
+    ------
+    DataError : no row of the grid lies between the levels
+    """
     rows = _rows(grid, z_range)
     return np.append(rows, False) | np.insert(rows, 0, False)
 
 
 def gathered_flow(sums: Sums, z_range: tuple[float, float]) -> Array:
-    """(nz+1,) flow of each level beyond the plug's that the measured change of the filling explains [m³/s]."""
+    """(nz+1,) flow of each level beyond the plug's that the measured change of the filling explains [m³/s].
+
+    Raises
+    ------
+    DataError : no row of the grid lies in the plug
+    """
     total = np.concatenate([[0.0], np.cumsum(sums.storage.sum(axis=1))])
     return np.asarray(total - total[plug_levels(sums.grid, z_range)].mean())
 
@@ -129,6 +143,10 @@ def scale_rows(flux_r: Array, flux_z: Array, grid: Grid, solids_flow: float) -> 
     """Scale every row to the same flow: both components by one factor per level.
 
     The faces of a level get its factor, the cylindrical faces of a row the mean of its two levels' factors.
+
+    Raises
+    ------
+    DataError : hardly any flow passes a level
     """
     flow = level_flow(flux_z, grid)
     weak = np.flatnonzero(flow < _LEAST_FLOW * solids_flow)

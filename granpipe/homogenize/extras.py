@@ -125,7 +125,12 @@ def _per_piece(piece: NDArray[np.int64], value: Array, count: int) -> Array:
 
 
 def size_class_arrays(segments: Sequence[Sums], radii: Array, inside_fraction: Array) -> Arrays:
-    """Packing of every class and Sauter diameter, Σ V / Σ (V/d), in every cell; 0 where nothing ever is."""
+    """Packing of every class and Sauter diameter, Σ V / Σ (V/d), in every cell; 0 where nothing ever is.
+
+    Raises
+    ------
+    DataError : the segments do not merge
+    """
     sums = merge(segments)
     volume, diameter = sums.extra["class_volume"] / sums.weight, 2 * radii
     per_diameter = np.tensordot(1 / diameter, volume, axes=1)
@@ -137,7 +142,12 @@ def size_class_arrays(segments: Sequence[Sums], radii: Array, inside_fraction: A
 
 
 def wall_slip_arrays(segments: Sequence[Sums], surface: Surface) -> Arrays:
-    """Mean velocity along each piece of the particles that touch it, and the part of it that lies behind them."""
+    """Mean velocity along each piece of the particles that touch it, and the part of it that lies behind them.
+
+    Raises
+    ------
+    DataError : the segments hold no slip along walls
+    """
 
     def contact(sums: Sums) -> Array:
         return sums.extra["wall_shadow"] / (sums.weight * surface.area)
@@ -149,7 +159,12 @@ def wall_slip_arrays(segments: Sequence[Sums], surface: Surface) -> Arrays:
 
 
 def wall_pressure_arrays(segments: Sequence[Sums], surface: Surface) -> Arrays:
-    """Mean pressure on each piece [Pa]."""
+    """Mean pressure on each piece [Pa].
+
+    Raises
+    ------
+    DataError : the segments hold no contacts with walls
+    """
 
     def pressure(sums: Sums) -> Array:
         return sums.extra["wall_force"] / (sums.extra["wall_looks"] * surface.area)

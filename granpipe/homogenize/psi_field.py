@@ -69,6 +69,10 @@ def psi_field(
     plug : packing and flow in the plug, of all segments together
     diameter : particle diameter [m]
     flow_scale : flow of the case over that of the simulation
+
+    Raises
+    ------
+    DataError : fewer than two segments, or segments that do not differ
     """
     if len(segments) < 2:
         raise DataError("the ψ fit takes its weights from how segments differ: average two segments or more")

@@ -39,6 +39,10 @@ def node_roles(inside_fraction: Array, bulk: Mask) -> Roles:
 
     A node that touches such a cell lies on the boundary of the stream (of the four cells round a node outside a
     straight wall at least one is wholly outside). Cells that touch each other, if only at a corner, are one body.
+
+    Raises
+    ------
+    DataError : a row of the grid lets nothing pass
     """
     blocked = np.pad(~bulk | (inside_fraction <= 0), ((0, 0), (0, 1)), constant_values=True)  # the wall, and beyond
     label, count = ndimage.label(blocked, structure=_EVERY_NEIGHBOUR)

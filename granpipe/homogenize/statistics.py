@@ -64,6 +64,10 @@ def blocks(segments: Sequence[Sums], least: int = LEAST_BLOCKS) -> list[Sums]:
 
     Long blocks are nearly independent of each other; left-over segments at the beginning of a run go into no block.
     Ordered by run, then by time.
+
+    Raises
+    ------
+    DataError : too few segments for blocks
     """
     if len(segments) < least:
         raise DataError(f"{len(segments)} segments give no standard error; at least {least} are needed: average longer")
@@ -159,7 +163,12 @@ class OffCentre:
 
 
 def off_centre(segments: Sequence[Sums], z_range: tuple[float, float]) -> OffCentre:
-    """Asymmetry of the flow between two levels [m], with errors from blocks."""
+    """Asymmetry of the flow between two levels [m], with errors from blocks.
+
+    Raises
+    ------
+    DataError : the segments hold no moments about the axis
+    """
     rows = _rows_between(segments[0].grid, z_range)
     totals = []
     for block in blocks(segments):

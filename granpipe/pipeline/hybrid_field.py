@@ -77,7 +77,12 @@ def hybrid_field(plan: Plan, context: Context) -> ModelResult:
 
 
 def known_flow(plan: Plan, followed: Followed) -> KnownFlow:
-    """ψ of what is followed on the vessel's grid, for a flow of 1 m³/s; between the spans that of the nearest row."""
+    """ψ of what is followed on the vessel's grid, for a flow of 1 m³/s; between the spans that of the nearest row.
+
+    Raises
+    ------
+    CaseError : what is followed has no stream function
+    """
     grid = plan.grid
     psi = np.full((len(grid.z_edges), len(grid.r_edges)), np.nan)
     for _, made in followed:

@@ -45,7 +45,12 @@ _KEPT_SNAPSHOTS = 2  # as evidence, should the run fail
 
 
 def load_sums(segment: Path, run: int) -> Sums:
-    """The sums of a published segment."""
+    """The sums of a published segment.
+
+    Raises
+    ------
+    DataError : the file is damaged, or of another version
+    """
     return replace(Sums.load(segment / "sums.npz"), run=run)
 
 
@@ -69,11 +74,21 @@ class Production:
     walls: Path
 
     def sums(self) -> Iterator[Sums]:
-        """The sums of each segment."""
+        """The sums of each segment.
+
+        Raises
+        ------
+        DataError : the sums of a segment are damaged
+        """
         return (load_sums(segment, self.run) for segment in self.segments)
 
     def last_snapshot(self) -> Snapshot:
-        """The particles at the end."""
+        """The particles at the end.
+
+        Raises
+        ------
+        DataError : the snapshot is damaged
+        """
         return read_snapshot(self.segments[-1] / "snapshot.bin", DUMP_COLUMNS)
 
     def kept_frames(self, most: int) -> list[tuple[int, Snapshot]]:
@@ -130,7 +145,12 @@ class ProductionRun:
         return len(self.published()) == self.settings.segments
 
     def sums(self) -> Iterator[Sums]:
-        """The sums of the segments that are done."""
+        """The sums of the segments that are done.
+
+        Raises
+        ------
+        DataError : the sums of a segment are damaged
+        """
         return (load_sums(segment, self.number) for segment in self.published())
 
     def _segment(self, number: int) -> Path:

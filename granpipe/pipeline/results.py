@@ -214,7 +214,12 @@ def write_comsol_folder(field: Field, case: Case, folder: Path) -> None:
 
 
 def write_exports(field: Field, case: Case, folder: Path) -> None:
-    """Write the files of every format that the case asks for, and the tables of what it asks for beside the field."""
+    """Write the files of every format that the case asks for, and the tables of what it asks for beside the field.
+
+    Raises
+    ------
+    DataError : a value of the field is not a number
+    """
     from granpipe.export.tables import write_tables
 
     if "comsol" in case.export:

@@ -23,6 +23,10 @@ def with_checked_stiffness(plan: Plan, context: Context) -> Plan:
     """The plan with a Young's modulus that keeps every settled bed within the limits of overlap.
 
     A modulus that the case gives is left alone, and so is one with which the bed stays within the limits.
+
+    Raises
+    ------
+    CaseError : the stiffer settings are refused
     """
     if plan.submodels:
         submodels = tuple((span, with_checked_stiffness(submodel, context)) for span, submodel in plan.submodels)

@@ -139,7 +139,12 @@ def make_plan(case: Case, cores: int = 1) -> Plan:
 
 
 def model_plans(case: Case, cores: int = 1) -> dict[Model, Plan | CaseError]:
-    """The plans of all three models, for comparison; the error of one that the scene does not allow."""
+    """The plans of all three models, for comparison; the error of one that the scene does not allow.
+
+    Raises
+    ------
+    CaseError : no model is possible
+    """
     scene = _Scene(case, cores)
     found: dict[Model, Plan | CaseError] = {}
     for model in ("fluid", "hybrid", "dem"):

@@ -72,6 +72,10 @@ def section_needs(case: Case, outline: Outline) -> dict[str, SectionNeed]:
     """Section → by which model it is computed and why, from the top down.
 
     Ranges that no section covers are there too, named by their levels.
+
+    Raises
+    ------
+    CaseError : the outline does not fit the sections
     """
     floors = [*_floors(case, outline), *_funnel_hoppers(case, outline)]
     found: dict[str, SectionNeed] = {}

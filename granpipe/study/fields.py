@@ -89,7 +89,12 @@ class FinishedRun:
         return [stops[count - 1] for count in counts if count * len(self.productions) >= LEAST_BLOCKS]
 
     def until(self, end: float) -> list[Sums]:
-        """The segments up to a time, after the transient as a run of that length would see it."""
+        """The segments up to a time, after the transient as a run of that length would see it.
+
+        Raises
+        ------
+        DataError : no segment is left after the transient
+        """
         near = end * (1 + 1e-9)
         return after_transient([sums for sums in self.segments if sums.stop <= near], self.plan.case)
 

@@ -143,7 +143,12 @@ class Notes:
 
 
 def load_points(folder: Folder, progress: Progress) -> list[StudyPoint]:
-    """Every finished point, with its segments; nothing is run."""
+    """Every finished point, with its segments; nothing is run.
+
+    Raises
+    ------
+    DataError : the results of a point are damaged
+    """
     store = Store(folder.root.parent / ".store")
     notes = read_json(folder.root / "axes.json", Notes, "run the study again")
     tools = library_versions()
@@ -215,7 +220,12 @@ class Comparison:
         )
 
     def effect(self, point: StudyPoint, measures: Mapping[str, float]) -> Effect:
-        """What one point changes, and what its error is made of."""
+        """What one point changes, and what its error is made of.
+
+        Raises
+        ------
+        DataError : the fields have different grids
+        """
         return Effect(
             point=point.name,
             axis=point.axis,

@@ -103,7 +103,12 @@ class Recommendation:
         return make_plan(self.file.case).breaches
 
     def obtained(self, folder: Path) -> str:
-        """For the user, after the run."""
+        """For the user, after the run.
+
+        Raises
+        ------
+        DataError : the results folder is damaged
+        """
         provenance = Provenance.read(folder)
         took = f"took {provenance.wall_seconds:.0f} s"
         noise = dict(provenance.numbers).get("statistical_error.whole")
@@ -213,6 +218,10 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
 
     These are the narrowest opening over d90, but never particles smaller than the material's; the plate speed over the
     automatic one; the travel in outlet diameters, but never less than this vessel needs.
+
+    Raises
+    ------
+    CaseError : the changed case is refused
     """
     own = {
         "dem.coarse_grain_factor": "1",

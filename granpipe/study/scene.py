@@ -44,7 +44,12 @@ class Measures:
     temperature: Temperature | None
 
     def against(self, other: Measures) -> Iterator[tuple[str, float]]:
-        """Differences from another field's measures, by name."""
+        """Differences from another field's measures, by name.
+
+        Raises
+        ------
+        DataError : one of the surfaces has no point
+        """
         if len(self.edge) and len(other.edge):
             yield "free surface, displacement [m]", displacement(self.edge, other.edge)
         yield "void area, difference [m²]", self.void - other.void

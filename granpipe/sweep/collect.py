@@ -45,7 +45,12 @@ class Written:
 
 
 def write_table(folder: Folder) -> Written:
-    """Write the table and the chart from what is there; failed points have a row, too."""
+    """Write the table and the chart from what is there; failed points have a row, too.
+
+    Raises
+    ------
+    DataError : the results of a point are damaged
+    """
     found, inputs = statuses(folder), folder.inputs
     keys = _varied_keys(folder)
     rows = [_row(folder, one, keys) for one in found]

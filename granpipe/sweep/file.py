@@ -289,12 +289,22 @@ def read_sweep(path: Path) -> Sweep:
 
 
 def sweep_name(path: Path) -> str:
-    """The name that sweep.yaml gives; the case need not be there."""
+    """The name that sweep.yaml gives; the case need not be there.
+
+    Raises
+    ------
+    CaseError : the file is no sweep
+    """
     return _given(path)[0].name
 
 
 def is_case(path: Path) -> bool:
-    """Whether a file is a case rather than a sweep."""
+    """Whether a file is a case rather than a sweep.
+
+    Raises
+    ------
+    CaseError : the file cannot be read as YAML
+    """
     return _is_case(read_yaml(path, _EXAMPLE)[0])
 
 

@@ -57,7 +57,12 @@ class Folder:
 
     @cached_property
     def inputs(self) -> SweepInput:
-        """What is to be run."""
+        """What is to be run.
+
+        Raises
+        ------
+        DataError : the folder holds no sweep, or it is damaged
+        """
         return self.new or SweepInput.read(self.root)
 
     @property
@@ -122,7 +127,13 @@ class Folder:
 
 
 def find_folder(path: Path, results: Path) -> Folder:
-    """The folder of a sweep that has been started, by itself or by its sweep.yaml."""
+    """The folder of a sweep that has been started, by itself or by its sweep.yaml.
+
+    Raises
+    ------
+    DataError : the folder holds no sweep
+    CaseError : there is no such file or folder
+    """
     from granpipe.sweep.file import sweep_name
 
     if not path.exists():

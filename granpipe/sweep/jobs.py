@@ -31,7 +31,12 @@ _ELEMENTS = 40
 
 
 def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: Progress) -> list[str]:
-    """Submit the points that are not in the queue already, and a job that makes the table; the ids of the jobs."""
+    """Submit the points that are not in the queue already, and a job that makes the table; the ids of the jobs.
+
+    Raises
+    ------
+    RunError : Slurm does not take the jobs
+    """
     most = slurm.largest_array()
     slurm.plain_path(folder.root)
     with folder.started():
@@ -57,7 +62,12 @@ def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: 
 
 
 def cancel(folder: Folder) -> str:
-    """Cancel the jobs of a sweep that are in the queue, or end the process that runs it here; what was done."""
+    """Cancel the jobs of a sweep that are in the queue, or end the process that runs it here; what was done.
+
+    Raises
+    ------
+    RunError : Slurm does not answer
+    """
     if jobs := sorted(queued_jobs(folder)):
         slurm.cancel(jobs)
         return f"cancelled jobs {', '.join(jobs)}"

@@ -37,6 +37,11 @@ def run_here(folder: Folder, points: Sequence[Point], cores: int, progress: Prog
     """Run points in worker processes that keep at most `cores` cores busy; a point that fails is noted in its state.
 
     Those that a cluster has in its queue are left to it.
+
+    Raises
+    ------
+    CaseError : a point needs more ranks than there are cores here
+    RunError : the sweep is running elsewhere
     """
     elsewhere = queued(folder)
     points = [point for point in points if point.name not in elsewhere]

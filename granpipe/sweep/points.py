@@ -45,7 +45,12 @@ def _parsed(text: str, file: str) -> tuple[dict[str, Any], Places]:
 
 
 def plan_points(sweep: Sweep, results: Path) -> tuple[Folder, list[Point]]:
-    """The folder of a sweep, and the points whose results are missing, each checked and planned; nothing is written."""
+    """The folder of a sweep, and the points whose results are missing, each checked and planned; nothing is written.
+
+    Raises
+    ------
+    CaseError : a point is refused, or the folder holds the results of a case
+    """
     folder = Folder(results / sweep.name, sweep.inputs)
     if (folder.root / "provenance.json").exists():
         raise CaseError(f"{folder.root} holds the results of a case; name the sweep otherwise", ("name",), "sweep")

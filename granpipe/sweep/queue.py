@@ -34,7 +34,12 @@ class Jobs:
 
 
 def queued(folder: Folder) -> dict[str, Element]:
-    """Points that are in Slurm's queue, waiting or running, with the element of the array that has them."""
+    """Points that are in Slurm's queue, waiting or running, with the element of the array that has them.
+
+    Raises
+    ------
+    RunError : Slurm does not answer
+    """
     lines = {job.job: job.points for job in jobs_of(folder)}
     found: dict[str, Element] = {}
     for element in _elements(folder):
@@ -45,7 +50,12 @@ def queued(folder: Folder) -> dict[str, Element]:
 
 
 def queued_jobs(folder: Folder) -> set[str]:
-    """Ids of the jobs that are in the queue, that which makes the table included."""
+    """Ids of the jobs that are in the queue, that which makes the table included.
+
+    Raises
+    ------
+    RunError : Slurm does not answer
+    """
     return {element.job.partition("_")[0] for element in _elements(folder)}
 
 
@@ -56,7 +66,12 @@ def _elements(folder: Folder) -> list[Element]:
 
 
 def jobs_of(folder: Folder) -> list[Job]:
-    """The jobs that were submitted."""
+    """The jobs that were submitted.
+
+    Raises
+    ------
+    DataError : the record of the jobs is damaged
+    """
     file = folder.root / "slurm" / "jobs.json"
     if not file.exists():
         return []

@@ -57,25 +57,45 @@ def is_here() -> bool:
 
 
 def submit(path: Path, *options: str) -> str:
-    """Submit a batch script; the id of the job."""
+    """Submit a batch script; the id of the job.
+
+    Raises
+    ------
+    RunError : Slurm does not take the jobs
+    """
     return _run("sbatch", "--parsable", *options, str(path)).strip().split(";")[0]
 
 
 def queue() -> list[Element]:
-    """What of this user's jobs is still to run or running, element by element."""
+    """What of this user's jobs is still to run or running, element by element.
+
+    Raises
+    ------
+    RunError : Slurm does not answer
+    """
     lines = _run("squeue", "--me", "--array", "--noheader", "--format=%i|%T|%r").splitlines()
     rows = (line.strip().split("|", 2) for line in lines if line.count("|") >= 2)
     return [Element(*row) for row in rows if row[1] in ACTIVE]
 
 
 def cancel(jobs: Iterable[str]) -> None:
-    """Cancel jobs."""
+    """Cancel jobs.
+
+    Raises
+    ------
+    RunError : Slurm does not answer
+    """
     for some in _several(list(jobs), 200):
         _run("scancel", *some)
 
 
 def largest_array() -> int:
-    """How many elements an array may have."""
+    """How many elements an array may have.
+
+    Raises
+    ------
+    RunError : Slurm does not answer
+    """
     found = re.search(r"MaxArraySize\s*=\s*(\d+)", _run("scontrol", "show", "config"))
     return max(1, int(found[1]) - 1) if found else 1000
 

@@ -31,7 +31,12 @@ class PointStatus:
 
 
 def statuses(folder: Folder) -> list[PointStatus]:
-    """Every point in order."""
+    """Every point in order.
+
+    Raises
+    ------
+    DataError : the results of a point are damaged
+    """
     elements, here = queued(folder), folder.owner() is not None
     return [_status(folder, name, elements.get(name), here) for name in folder.variants]
 
@@ -44,7 +49,12 @@ def status_text(found: list[PointStatus]) -> str:
 
 
 def marked(folder: Folder) -> list[str]:
-    """Names of the points that are done but failed a quality gate."""
+    """Names of the points that are done but failed a quality gate.
+
+    Raises
+    ------
+    DataError : the results of a point are damaged
+    """
     return [one.name for one in statuses(folder) if one.state == "done" and one.text]
 
 

@@ -34,7 +34,12 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
 
 
 def write_netcdf(rows: Sequence[Row], path: Path) -> None:
-    """One dimension, `point`; columns of numbers are variables of numbers (NaN where there is none), others text."""
+    """One dimension, `point`; columns of numbers are variables of numbers (NaN where there is none), others text.
+
+    Raises
+    ------
+    RunError : xarray is not installed
+    """
     try:
         import xarray
     except ImportError:

@@ -80,7 +80,12 @@ def locked(
 
 @contextlib.contextmanager
 def shared(path: Path) -> Iterator[None]:
-    """Hold the lock `path` together with others; while a process holds it alone, wait."""
+    """Hold the lock `path` together with others; while a process holds it alone, wait.
+
+    Raises
+    ------
+    RunError : another process holds the lock, or the file system has none
+    """
     while (file := _try_lock(path, fcntl.LOCK_SH)) is None:
         pass
     with file:

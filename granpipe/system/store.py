@@ -56,7 +56,12 @@ class Store:
         return folder in self._checked
 
     def make(self, stage: str, key: str, work: Callable[[Path], None]) -> Path:
-        """The folder of a finished stage; `work(folder)` fills it where it does not exist yet."""
+        """The folder of a finished stage; `work(folder)` fills it where it does not exist yet.
+
+        Raises
+        ------
+        RunError : another process is at work on the stage, or the store cannot be written
+        """
 
         def in_one_step(folder: Path) -> Iterator[None]:
             work(folder)
@@ -67,7 +72,12 @@ class Store:
         return self.folder(stage, key)
 
     def make_in_steps(self, stage: str, key: str, work: Callable[[Path], Iterator[None]]) -> Iterator[None]:
-        """Like `make`, with work that is done bit by bit: the folder is finished when the iterator ends."""
+        """Like `make`, with work that is done bit by bit: the folder is finished when the iterator ends.
+
+        Raises
+        ------
+        RunError : another process is at work on the stage, or the store cannot be written
+        """
         if self.has(stage, key):
             return
         target = self.folder(stage, key)
@@ -82,7 +92,12 @@ class Store:
         self._checked.add(target)
 
     def begin(self, stage: str, key: str) -> Path:
-        """The folder of a stage that is done in parts, each with a manifest of its own."""
+        """The folder of a stage that is done in parts, each with a manifest of its own.
+
+        Raises
+        ------
+        RunError : another process is at work on the stage, or the store cannot be written
+        """
         folder = self.folder(stage, key)
         with explained(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -101,7 +116,12 @@ class Store:
         )
 
     def in_use(self) -> contextlib.AbstractContextManager[None]:
-        """To be held by a run: the store is not cleared meanwhile."""
+        """To be held by a run: the store is not cleared meanwhile.
+
+        Raises
+        ------
+        RunError : another process holds the lock, or the file system has none
+        """
         return shared(self.root / ".lock")
 
     def clear(self) -> tuple[int, list[Path]]:

@@ -24,6 +24,10 @@ def program_versions(cache: Path) -> dict[str, str]:
     """gmsh and LIGGGHTS; asking LIGGGHTS takes half a second, so the answer is kept beside the store.
 
     The answer holds for one binary: its path, size and time of change.
+
+    Raises
+    ------
+    RunError : LIGGGHTS does not start
     """
     binary = shutil.which("liggghts")
     state = Path(binary).stat() if binary else None

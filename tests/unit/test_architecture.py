@@ -250,3 +250,35 @@ def dem_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
     (tmp_path / "granpipe/dem").mkdir(parents=True)
     return tmp_path / "granpipe/dem/broken.py"
+
+
+def raised_here(function: ast.FunctionDef) -> set[str]:
+    """The package's errors that a function raises itself, outside any `try` and any function within it."""
+    found: set[str] = set()
+    pending: list[ast.AST] = list(function.body)
+    while pending:
+        node = pending.pop()
+        if isinstance(node, (ast.Try, ast.FunctionDef, ast.Lambda, ast.ClassDef)):
+            continue
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and isinstance(node.exc.func, ast.Name):
+            found.add(node.exc.func.id)
+        pending += ast.iter_child_nodes(node)
+    return found & {"CaseError", "DataError", "RunError", "MeshError", "SolveError"}
+
+
+def public_functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
+    """Functions and methods whose own name and class are public."""
+    for node in tree.body:
+        members = node.body if isinstance(node, ast.ClassDef) and not node.name.startswith("_") else [node]
+        yield from (f for f in members if isinstance(f, ast.FunctionDef) and not f.name.startswith("_"))
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=name)
+def test_a_public_function_that_raises_an_error_of_the_package_says_so(source: Path) -> None:
+    silent = [
+        (function.name, error)
+        for function in public_functions(ast.parse(source.read_text()))
+        for error in raised_here(function)
+        if error not in (ast.get_docstring(function) or "")
+    ]
+    assert not silent
