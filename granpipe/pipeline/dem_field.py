@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from granpipe.analysis.surfaces import surface_angle
+from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.statistics import (
@@ -23,6 +24,7 @@ from granpipe.pipeline.averages import Levels, after_transient, averaged_field, 
 from granpipe.pipeline.convergence import average_gates
 from granpipe.pipeline.discharge import Discharge, measure_discharge
 from granpipe.pipeline.extra_fields import ExtraSums
+from granpipe.pipeline.failure import no_field
 from granpipe.pipeline.gates import (
     OVERLAPS,
     PACKING,
@@ -43,9 +45,23 @@ from granpipe.planning.plan import Plan
 
 
 def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
-    """Average the segments of all runs after their transients and make the field."""
-    settings = plan.dem
+    """Average the segments of all runs after their transients and make the field.
+
+    Raises
+    ------
+    NoFieldError : the segments give none, and why
+    """
     segments = [sums for production in productions for sums in production.sums()]
+    try:
+        return _field(plan, productions, segments)
+    except DataError as error:
+        if not segments:
+            raise
+        raise no_field(str(error), plan, productions, segments) from None
+
+
+def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sums]) -> ModelResult:
+    settings = plan.dem
     simulated = after_transient(segments, plan.case)
     reports = [production.reports() for production in productions]
     overlap = float(np.mean([report.reference_overlap for run in reports for report in run]))

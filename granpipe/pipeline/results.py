@@ -130,7 +130,7 @@ def write_results(
         write_exports(made.field, plan.case, aside)
         _fluid_mesh(aside, plan, made)
         _figures(aside, plan, made, note)
-        _logs(aside, made)
+        write_logs(aside, made.productions)
         record = {
             "case": plan.case.name,
             "made": datetime.now().astimezone().isoformat(timespec="seconds"),
@@ -289,8 +289,9 @@ def _animate(path: Path, plan: Plan, made: ModelResult, production: Production, 
     animation(frames, outline.wall.tolist(), obstacles, made.field.flow_scale, path)
 
 
-def _logs(folder: Path, made: ModelResult) -> None:
-    for number, production in enumerate(made.productions, start=1):
+def write_logs(folder: Path, productions: Iterable[Production]) -> None:
+    """Copy what LIGGGHTS said into ``logs/``."""
+    for number, production in enumerate(productions, start=1):
         logs = folder / "logs" / ("" if number == 1 else str(number))
         logs.mkdir(parents=True)
         shutil.copyfile(production.settled / "output.txt", logs / "settle.txt")

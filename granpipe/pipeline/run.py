@@ -12,6 +12,8 @@ from pathlib import Path
 from granpipe.case.reader import CaseFile
 from granpipe.errors import CaseError
 from granpipe.pipeline.context import Context
+from granpipe.pipeline.failure import NoFieldError
+from granpipe.pipeline.failure_report import failure_folder, withdraw, write_failure
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.results import case_origin, check_folder, is_current, results_key, write_results
@@ -90,6 +92,12 @@ def _run(file: CaseFile, plan: Plan, folder: Path, context: Context, begun: floa
         made = _ROUTES[plan.model](plan, context)
     except CaseError as error:
         raise file.places.explain(error) from None
+    except NoFieldError as error:
+        context.progress.stage("report", "there is no field")
+        provenance = {"key": key, "versions": context.versions, "origin": asdict(case_origin(file))}
+        error.kept = write_failure(folder, plan, error.story, provenance, context.progress.note)
+        raise
+    withdraw(failure_folder(folder), context.progress.note)
     if file.case.homogenize.fields:
         made = _with_derived(made, file.case.homogenize.fields)
     for note in made.notes:
