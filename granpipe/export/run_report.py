@@ -80,13 +80,13 @@ def write_run_report(folder: Path) -> None:
         made = f"Made {provenance['made'][:16].replace('T', ' ')} by granpipe {provenance['granpipe']}"
         intro = [f"{made}, {_model(plan, provenance)}."]
         write_page(
-            folder / "report.html", title, intro, sections, verdict(provenance), list(_numbers(plan, provenance))
+            folder / "report.html", title, intro, sections, verdict(plan, provenance), list(_numbers(plan, provenance))
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"{folder}: damaged ({error!r}); delete it and run again") from None
 
 
-def verdict(provenance: Data) -> Verdict:
+def verdict(plan: Data | None, provenance: Data) -> Verdict:
     """Whether the result may be used, and how wrong it may be."""
     gates = provenance["quality"]
     failed = [gate for gate in gates if not gate["passed"]]
@@ -97,7 +97,17 @@ def verdict(provenance: Data) -> Verdict:
         return Verdict("marked", "No quality gate applies to this field, so nothing tells whether it is right.")
     worst = _worst(provenance["figures"].get("statistical_error", {}))
     error = f", and its statistical error is {worst}" if worst else ""
-    return Verdict("good", f"The field passed all {len(gates)} quality gates{error}.")
+    notes = len(_told(plan, provenance))
+    mind = f" {notes} note{'s say' if notes > 1 else ' says'} what to keep in mind: see below." if notes else ""
+    return Verdict("good", f"The field passed all {len(gates)} quality gates{error}.{mind}")
+
+
+def _told(plan: Data | None, provenance: Data) -> list[str]:
+    """What the run itself warned of."""
+    told = [note for _, record in _records(provenance) for note in record.get("notes", ())]
+    if plan is not None:
+        told += [*plan["warnings"], *(f"Outside the range: {breach}" for breach in plan["outside_the_range"])]
+    return told
 
 
 def _worst(errors: Mapping[str, float]) -> str:
@@ -227,7 +237,8 @@ def _profiles(folder: Path, provenance: Data) -> Iterator[Section]:
     names = provenance.get("field", {}).get("sections", {})
     paths = [path for name in names if (path := folder / f"profile_{name}.png").exists()]
     if paths:
-        text = "Bulk velocity across the vessel, at mid-height of the sections. Bands: 95 %, from the standard error."
+        bands = " Bands: 95 %, from the standard error." if (folder / "rz_error.png").exists() else ""
+        text = f"Bulk velocity across the vessel, at mid-height of the sections.{bands}"
         shown = [
             Picture(path, alt=f"Vertical and radial velocity over the radius in section {path.stem[8:]}.")
             for path in paths
@@ -259,13 +270,18 @@ def _by_section(plan: Data | None, provenance: Data) -> Iterator[Section]:
         rows.append([*row, *(_first(measured, name, tell) for tell in extra.values())])
     kept = [k for k in range(len(head) + len(extra)) if k < len(head) or any(row[k] != "–" for row in rows)]
     head += list(extra)
-    text = [
-        "Velocities of the bulk; the mean is the flow rate over the mean area of the section. Areas are in the "
-        "half section; at rest is what is slower than a fiftieth of the mean speed over the widest level. "
-        "The error is the relative standard error; turnover is how often the content was renewed during the average; "
-        "off-centre is the part of the flow that differs round the axis, with its standard error."
-    ]
-    yield Section("By section", text, head=[head[k] for k in kept], rows=[[row[k] for k in kept] for row in rows])
+    text = (
+        "Velocities of the bulk; the mean is the flow rate over the mean area of the section. Areas are in the half "
+        "section; at rest is what is slower than a fiftieth of the mean speed over the widest level."
+    )
+    meanings = {
+        "error": "The error is the relative standard error.",
+        "turnover": "Turnover is how often the content was renewed during the average.",
+        "off-centre": "Off-centre is the part of the flow that differs round the axis, with its standard error.",
+    }
+    shown = [head[k] for k in kept]
+    text = " ".join([text, *(meaning for name, meaning in meanings.items() if name in shown)])
+    yield Section("By section", [text], head=shown, rows=[[row[k] for k in kept] for row in rows])
 
 
 def _first(measured: Sequence[Data], name: str, tell: Any) -> str:
@@ -316,10 +332,7 @@ def _not_fit(plan: Data | None, provenance: Data) -> Iterator[Section]:
             "heat or gas that crosses them needs a model of its own."
         )
     yield Section("What the field is not fit for", items=limits)
-    told = [note for _, record in _records(provenance) for note in record.get("notes", ())]
-    if plan is not None:
-        told += [*plan["warnings"], *(f"Outside the range: {breach}" for breach in plan["outside_the_range"])]
-    if told:
+    if told := _told(plan, provenance):
         yield Section("Keep in mind", items=told)
 
 

@@ -106,6 +106,7 @@ def test_the_report_of_a_run_tells_all_that_was_measured(tmp_path: Path) -> None
     for wanted in (
         "silo",
         "The field passed all 1 quality gates, and its statistical error is 3.4 % (worst section throat: 5 %).",
+        "2 notes say what to keep in mind",
         "1 m³/h",
         "1.45 t/h",
         "1450 kg/m³",
@@ -136,6 +137,7 @@ def test_the_other_models_tell_what_they_know(model: str, tmp_path: Path) -> Non
     Page(text)
     assert ("no particle was simulated" in text) == (model == "fluid")
     assert ("Stagnant zones and free surfaces" in text) == (model == "fluid")
+    assert ("Turnover is how often" in text) == (model == "hybrid")
     assert ("statistical error, sub-model d" in text) == (model == "hybrid")
     assert ("Settings and criteria of sub-model d" in text) == (model == "hybrid")
 
