@@ -68,7 +68,7 @@ test: setup
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
 	$(VENV)/bin/mypy
-	$(VENV)/bin/python -m pytest -m 'not slow and not cluster'
+	$(VENV)/bin/python -m pytest -n logical --dist loadfile -m 'not slow and not cluster'
 
 test-cluster: setup
 	.ci/cluster
