@@ -44,6 +44,8 @@ FILES = {
     "fluid.vtu": "the fictitious fluid on its own mesh, for ParaView",
     "case.yaml": "the case, with every default",
     "plan.json": "what was planned, and why",
+    "failure.json": "why there is no field",
+    "level_flow.csv": "flow through every level over that of the plate",
     "provenance.json": "all measured figures, versions, seeds, times",
     "import_comsol.java": "adds all of this to a COMSOL model",
     "psi_grid.txt": "stream function on r² and z, for COMSOL",
@@ -77,13 +79,63 @@ def write_run_report(folder: Path) -> None:
     try:
         title = provenance["case"] or "Averaged dumps"
         sections = list(_sections(folder, plan, provenance))
-        made = f"Made {provenance['made'][:16].replace('T', ' ')} by granpipe {provenance['granpipe']}"
-        intro = [f"{made}, {_model(plan, provenance)}."]
+        intro = [f"{_made(provenance)}, {_model(plan, provenance)}."]
         write_page(
             folder / "report.html", title, intro, sections, verdict(plan, provenance), list(_numbers(plan, provenance))
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(f"{folder}: damaged ({error!r}); delete it and run again") from None
+
+
+def write_failure_report(folder: Path) -> None:
+    """Write ``report.html`` of what a run without a field has left, from the files in it: why, and what to do.
+
+    Raises
+    ------
+    DataError : a file is missing or damaged
+    """
+    failure, plan = read_json(folder / "failure.json"), read_json(folder / "plan.json")
+    try:
+        told = Verdict("failed", f"There is no field: {failure['text']}.")
+        part = f" of the sub-model {failure['run']}" if failure["run"] != failure["case"] else ""
+        intro = [
+            f"The average{part} said: {failure['reason']}.",
+            f"{_made(failure)}. What was simulated so far is kept; nothing here is for use in a computation.",
+        ]
+        sections = [*_failed_pictures(folder / "figures"), *_failed_plan(plan), *_files(folder), _versions(failure)]
+        write_page(folder / "report.html", failure["case"], intro, sections, told)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DataError(f"{folder}: damaged ({error!r}); delete it and run again") from None
+
+
+def _failed_pictures(folder: Path) -> Iterator[Section]:
+    shown = {
+        "level_flow": (
+            "Flow through every level over that of the plate, for the whole run and for its last third. "
+            "Of a steady flow both are 1 everywhere.",
+            "Flow through every level over that of the plate.",
+        ),
+        "raw_average": (
+            "Plain average of what was simulated, at the scale of the simulation.",
+            "Plain average of packing and velocities in half of the section through the axis.",
+        ),
+    }
+    pictures = [Picture(path, *words) for name, words in shown.items() if (path := folder / f"{name}.png").exists()]
+    yield Section("What was simulated", figures=pictures)
+
+
+def _failed_plan(plan: Data) -> Iterator[Section]:
+    if plan["warnings"]:
+        yield Section("Keep in mind", items=plan["warnings"])
+    for name, one in {"": plan, **plan["submodels"]}.items():
+        if "dem" in one:
+            decisions = [(c["name"], c["value"], c["criterion"]) for c in one["dem"]["decisions"]]
+            title = f"Settings and criteria{f' of sub-model {name}' if name else ''}"
+            yield Section(title, head=("setting", "value", "criterion"), rows=decisions)
+
+
+def _made(record: Data) -> str:
+    return f"Made {record['made'][:16].replace('T', ' ')} by granpipe {record['granpipe']}"
 
 
 def verdict(plan: Data | None, provenance: Data) -> Verdict:

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from granpipe.errors import DataError
-from granpipe.export.report import Section, write_page
+from granpipe.export.run_report import write_failure_report
 from granpipe.homogenize.assemble import raw_field
 from granpipe.homogenize.average import merge
 from granpipe.homogenize.conserve import Plug
 from granpipe.pipeline.averages import plug_range
 from granpipe.pipeline.failure import Story
-from granpipe.pipeline.results import plan_summary, write_logs
+from granpipe.pipeline.results import made_now, plan_summary, write_logs
 from granpipe.planning.plan import Plan
 from granpipe.system.jsonfile import write_json
 from granpipe.system.manifest import MANIFEST, has_manifest
@@ -51,13 +51,14 @@ def write_failure(
         write_json(aside / "plan.json", plan_summary(plan))
         write_json(
             aside / "failure.json",
-            {"case": plan.case.name, "run": story.plan.case.name, **provenance, "reason": story.reason}
+            {"case": plan.case.name, "run": story.plan.case.name, **made_now(), **provenance, "reason": story.reason}
             | {"cause": story.cause, "text": story.text},
         )
         (aside / "figures").mkdir()
-        pictures = [*_levels(aside, story), *_raw_average(aside, story)]
+        _levels(aside, story)
+        _raw_average(aside, story)
         write_logs(aside, story.productions)
-        _report(aside, story, pictures)
+        write_failure_report(aside)
     return folder
 
 
@@ -72,16 +73,15 @@ def withdraw(folder: Path, note: Callable[[str], None]) -> None:
         folder.rmdir()
 
 
-def _levels(folder: Path, story: Story) -> list[Path]:
+def _levels(folder: Path, story: Story) -> None:
     from granpipe.export.level_flow import level_flow_figure, level_flow_table
 
     levels, path = story.levels, folder / "figures" / "level_flow.png"
     level_flow_table(levels.z, levels.whole, levels.late, folder / "level_flow.csv")
     level_flow_figure(levels.z, levels.whole, levels.late, f"{story.plan.case.name}: failed", path)
-    return [path]
 
 
-def _raw_average(folder: Path, story: Story) -> list[Path]:
+def _raw_average(folder: Path, story: Story) -> None:
     """The plain average on r–z, stamped; none where it cannot be drawn."""
     from granpipe.export.pictures import DPI, overview
 
@@ -91,33 +91,15 @@ def _raw_average(folder: Path, story: Story) -> list[Path]:
     full = sums.mean_volume / np.where(inside > 0, inside * sums.grid.cell_volume, np.inf)
     packing = float(np.median(full[full > 0.5 * np.quantile(full, 0.9)])) if full.any() else 0.0
     if not packing > 0:
-        return []
+        return
     plug = Plug(packing, story.levels.flow, 0.0, plug_range(outline, sums.grid))
     try:
         field = replace(raw_field(sums, inside, plug, plan.dem.classes.sauter_diameter), psi=None)
         figure = overview(field, outline.wall.tolist(), {n: p.tolist() for n, p in outline.obstacles.items()})
     except DataError:
-        return []
+        return
     figure.text(
         0.5, 0.5, "FAILED: no field", color="#c0392b", alpha=0.4, fontsize=30, rotation=60, ha="center", va="center"
     )
     path = folder / "figures" / "raw_average.png"
     figure.savefig(path, dpi=DPI)
-    return [path]
-
-
-def _report(folder: Path, story: Story, pictures: list[Path]) -> None:
-    intro = [
-        f"FAILED: this run has made no field. {story.reason}.",
-        f"What happened: {story.text}.",
-        "The pictures show the plain average of what was simulated, as it is: not for use in a computation.",
-    ]
-    write_page(
-        folder / "report.html",
-        f"{story.plan.case.name}: failed",
-        intro,
-        [
-            Section("Flow through every level", figures=pictures[:1]),
-            *(Section("Plain average", figures=[one]) for one in pictures[1:]),
-        ],
-    )

@@ -133,8 +133,7 @@ def write_results(
         write_logs(aside, made.productions)
         record = {
             "case": plan.case.name,
-            "made": datetime.now().astimezone().isoformat(timespec="seconds"),
-            "granpipe": __version__,
+            **made_now(),
             **provenance,
             "wall_seconds": round(time.monotonic() - begun, 2),
             "forecast_seconds": round(forecast(plan, known_rates()), 2),
@@ -145,6 +144,11 @@ def write_results(
         write_json(aside / "provenance.json", record)
         write_run_report(aside)
     return tuple(gate for gate in made.gates if not gate.passed)
+
+
+def made_now() -> dict[str, str]:
+    """When and by which version results are made."""
+    return {"made": datetime.now().astimezone().isoformat(timespec="seconds"), "granpipe": __version__}
 
 
 def _record(plan: Plan | None, made: ModelResult) -> dict[str, Any]:

@@ -42,7 +42,7 @@ def test_a_run_without_a_field_keeps_its_story_beside_the_results(
         "figures/raw_average.png",
         "failure.json",
     } <= names
-    assert "FAILED" in (kept / "report.html").read_text()
+    assert '<p class="verdict failed"><b>Failed.</b> There is no field: ' in (kept / "report.html").read_text()
     assert json.loads((kept / "failure.json").read_text())["cause"] in ("short", "arch", "feed")
     assert not (results / "tiny").exists()
     with pytest.raises(DataError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 import struct
 from html.parser import HTMLParser
@@ -15,7 +16,7 @@ from fakes.results_folder import GATE, results
 
 from granpipe.errors import DataError
 from granpipe.export.report import Link, Number, Picture, Section, Verdict, markdown, write_page
-from granpipe.export.run_report import CITATION, write_run_report
+from granpipe.export.run_report import CITATION, write_failure_report, write_run_report
 
 ROOT = Path(__file__).parents[2]
 PICTURE = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 40, 30) + b"not really"
@@ -169,6 +170,33 @@ def test_a_damaged_folder_is_told(content: str, tmp_path: Path) -> None:
     (folder / "plan.json").write_text(content)
     with pytest.raises(DataError, match="damaged"):
         write_run_report(folder)
+
+
+def failure(folder: Path, **changes: str) -> Path:
+    """What `granpipe run` leaves of a run without a field."""
+    results(folder)
+    told = {"case": "silo", "run": "silo", "made": "2026-01-01T12:30:01+00:00", "granpipe": "0.1", "versions": {}}
+    told |= {"reason": "levels differ", "cause": "arch", "text": "an arch holds the solids up at z = 1 m"}
+    (folder / "failure.json").write_text(json.dumps(told | changes))
+    return folder
+
+
+def test_a_failed_run_tells_first_why_and_what_to_do(tmp_path: Path) -> None:
+    folder = failure(tmp_path, run="silo-d")
+    write_failure_report(folder)
+    text = (folder / "report.html").read_text()
+    Page(text)
+    told = "There is no field: an arch holds the solids up at z = 1 m."
+    assert f'<p class="verdict failed"><b>Failed.</b> {told}</p>' in text
+    assert text.index(told) < text.index("sub-model silo-d said: levels differ.") < text.index("<h2")
+    assert "damping" in text
+
+
+def test_a_damaged_failure_is_told(tmp_path: Path) -> None:
+    folder = failure(tmp_path)
+    (folder / "failure.json").write_text("{}")
+    with pytest.raises(DataError, match="damaged"):
+        write_failure_report(folder)
 
 
 def test_the_citation_is_that_of_the_citation_file() -> None:
