@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 QUALITY_FAILED = 4
 
+LONG = 3 * 3600.0
+"""Forecast [s] above which somebody at a terminal is asked before the work."""
+
 MOVED = {"status": "sweep status", "cancel": "sweep cancel", "reduce": "sweep table", "points": "sweep points"}
 """Commands that had another name before, with the one that they have now."""
 
@@ -158,11 +161,14 @@ def main() -> None:
 @_RESULTS
 @click.option("--total-error", type=_Quantity("number", positive=True), metavar="ERROR",
               help="Use the cheapest settings that the study rates within ERROR, such as 5%.")  # fmt: skip
-def run(case: Path, overrides: Mapping[str, str], results: Path, total_error: float | None) -> None:
+@click.option("--yes", is_flag=True, help="Begin without asking, however long it will take.")
+def run(case: Path, overrides: Mapping[str, str], results: Path, total_error: float | None, yes: bool) -> None:
     """Run CASE: compute the field, COMSOL files and figures.
 
-    An unchanged case is not run again; a changed one repeats only the stages that depend on the change.
+    An unchanged case is not run again; a changed one repeats only the stages that depend on the change. Somebody at a
+    terminal is asked first where the forecast is above three hours.
     """
+    from granpipe.pipeline.closing import closing_text
     from granpipe.pipeline.run import run_case
     from granpipe.study.recommend import recommend
 
@@ -172,10 +178,16 @@ def run(case: Path, overrides: Mapping[str, str], results: Path, total_error: fl
         file = chosen.file
         click.echo(chosen.expected)
     with Console() as console:
-        outcome = run_case(file, results, console)
+
+        def agreed(seconds: float) -> bool:
+            asked = seconds > LONG and not yes and sys.stdin.isatty() and sys.stderr.isatty()
+            return not asked or console.ask("begin?")
+
+        outcome = run_case(file, results, console, agreed=agreed)
     click.echo(f"results in {outcome.folder}" if outcome.made else f"nothing to do: {outcome.folder} is up to date")
     if chosen is not None:
         click.echo(chosen.obtained(outcome.folder))
+    click.echo(closing_text(outcome.folder))
     _end(outcome.failed)
 
 

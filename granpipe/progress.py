@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
+DONE_BEFORE = "done before"
+"""Detail of a stage that was found in the store."""
+
 
 def duration_text(seconds: float) -> str:
     """``2 h 05 min``, ``3 min 20 s``, ``12 s`` or ``0.42 s``."""

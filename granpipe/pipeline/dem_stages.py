@@ -29,7 +29,7 @@ from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.production import Production, ProductionRun, copy_walls, limits_of
 from granpipe.pipeline.records import OverlapRecord, SettleRecord, WallRecord
 from granpipe.planning.plan import Plan
-from granpipe.progress import Silent
+from granpipe.progress import DONE_BEFORE, Silent, duration_text
 from granpipe.system.files import digest
 from granpipe.system.pool import Task, run_together
 from granpipe.system.store import Store, evidence_kept, key_of
@@ -150,7 +150,7 @@ class _Replica:
             return
         yield from self.settle()
         if self.production_run.complete or average.reached:
-            self.progress.stage(self.name("produce"), "done before")
+            self.progress.stage(self.name("produce"), DONE_BEFORE)
             return
         with self.store.lock("produce", self.produce_key):
             average.replace(self.number, self.production_run.sums())  # another process may have been at it until now
@@ -178,18 +178,22 @@ class _Replica:
         limits = limits_of(
             self.deck, self.plan, self.deck.chunk_steps * (self.deck.fill_chunks + self.deck.settle_chunks)
         )
-        status = Status()
+        status, work, step = Status(), 0.0, 0
         with (
             evidence_kept(folder, self.store.folder("evidence", self.settle_key)),
             Liggghts("fill.in", folder, settings.ranks, {}, limits) as process,
         ):
             for status in process.wait(health.row):
+                work, step = work + status.particles * max(0, status.step - step), status.step
                 share = min(1.0, status.particles / settings.particles)
                 rest = "" if status.message != "full" else ", settling"
                 self.progress.update(share, f"{status.particles} particles{rest}")
                 yield
         bed = read_snapshot(folder / "settled.bin", DUMP_COLUMNS)
         seconds = time.monotonic() - begun, process.processor_seconds()
+        if work > 0:
+            left = duration_text(seconds[0] * len(bed) * settings.steps / work)
+            self.progress.note(f"at the speed of the filling production takes about {left} at the most")
         _settle_record(status, bed, self.deck, seconds, settings.ranks).write(folder)
         for path in folder.glob("*.stl"):
             path.unlink()
@@ -230,4 +234,4 @@ def _settle_record(status: Status, bed: Snapshot, deck: Deck, seconds: tuple[flo
 
 
 def _found(store: Store, stage: str, key: str) -> str:
-    return "done before" if store.has(stage, key) else ""
+    return DONE_BEFORE if store.has(stage, key) else ""

@@ -270,8 +270,8 @@ class _Watch:
         left = (time.monotonic() - self.started) * wanted / made
         self.progress.update(
             1 - wanted / max(1, status.step + wanted),
-            f"step {status.step}, {status.particles} particles, {self.average.convergence}, "
-            f"{duration_text(left)} left, {self.disk / 1e6:.0f} MB",
+            f"{duration_text(left)} left, {self.average.convergence}, step {status.step}, "
+            f"{status.particles} particles, {self.disk / 1e6:.0f} MB",
         )
 
     def finish(self, status: Status) -> None:

@@ -10,19 +10,21 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from granpipe.case.reader import CaseFile
-from granpipe.errors import CaseError
+from granpipe.errors import CaseError, RunError
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.failure import NoFieldError
 from granpipe.pipeline.failure_report import failure_folder, withdraw, write_failure
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.results import case_origin, check_folder, is_current, results_key, write_results
+from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Model, Plan, make_plan
-from granpipe.progress import Progress
+from granpipe.progress import Progress, duration_text
 from granpipe.system.cores import usable_cores
 from granpipe.system.files import digest
 from granpipe.system.locks import Owner, locked
 from granpipe.system.publish import lock_file
+from granpipe.system.rates import known_rates
 from granpipe.system.store import Store
 from granpipe.system.surroundings import require_memory
 from granpipe.system.versions import library_versions, program_versions
@@ -45,17 +47,30 @@ def plan_case(file: CaseFile, cores: int) -> Plan:
         raise file.places.explain(error) from None
 
 
-def run_case(file: CaseFile, results: Path, progress: Progress, store: Store | None = None) -> Outcome:
+def run_case(
+    file: CaseFile,
+    results: Path,
+    progress: Progress,
+    store: Store | None = None,
+    agreed: Callable[[float], bool] = lambda _: True,
+) -> Outcome:
     """Run a case into ``results/<name>``; stages that are done are not repeated.
 
-    `store` holds the stages; ``results/.store`` does unless given.
+    Parameters
+    ----------
+    store : holds the stages; ``results/.store`` does unless given
+    agreed : is asked with the forecast [s] whether the work is to begin
+
+    Raises
+    ------
+    RunError : it is not, or a program failed
     """
     begun = time.monotonic()
     folder, store, cores = results / file.case.name, store or Store(results / ".store"), usable_cores()
     plan = plan_case(file, cores)
     require_memory()
     with store.in_use(), _alone(folder, store):
-        return _run(file, plan, folder, Context(store, _versions(file, plan, store), progress, cores), begun)
+        return _run(file, plan, folder, Context(store, _versions(file, plan, store), progress, cores), begun, agreed)
 
 
 def _alone(folder: Path, store: Store) -> AbstractContextManager[None]:
@@ -77,13 +92,22 @@ def _versions(file: CaseFile, plan: Plan, store: Store) -> dict[str, str]:
     return versions
 
 
-def _run(file: CaseFile, plan: Plan, folder: Path, context: Context, begun: float) -> Outcome:
+def _run(
+    file: CaseFile, plan: Plan, folder: Path, context: Context, begun: float, agreed: Callable[[float], bool]
+) -> Outcome:
     key = results_key(file.case, context.versions)
     check_folder(folder, file)
     if (failed := is_current(folder, key)) is not None:
         return Outcome(folder, failed, made=False)
     for warning in plan.warnings:
         context.progress.note(f"note: {warning}")
+    seconds = forecast(plan, known_rates())
+    if plan.runs:
+        context.progress.note(
+            f"forecast: about {duration_text(seconds)}, less where stages are done or the error is met"
+        )
+    if not agreed(seconds):
+        raise RunError("not begun; a larger dem.coarse_grain_factor or a shorter dem.max_time takes less time")
     try:
         if plan.runs:
             _require_cores(plan, context.cores)

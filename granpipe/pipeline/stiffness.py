@@ -40,7 +40,8 @@ def with_checked_stiffness(plan: Plan, context: Context) -> Plan:
             return plan
         why = f"at {plan.dem.youngs_modulus:.3g} Pa the settled bed overlapped by {mean:.2%} and {p99:.2%}"
         plan = _stiffer(plan, context.cores, contact.two_digits_up(MARGIN * factor * plan.dem.youngs_modulus), why)
-        context.progress.note(f"note: youngs_modulus = {plan.dem.youngs_modulus:.3g} Pa: {why}")
+        stiffer = f"youngs_modulus = {plan.dem.youngs_modulus:.3g} Pa"
+        context.progress.note(f"note: the vessel is filled again, with {stiffer}: {why}")
     return plan
 
 
