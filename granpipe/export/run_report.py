@@ -147,8 +147,12 @@ def verdict(plan: Data | None, provenance: Data) -> Verdict:
         return Verdict("marked", f"The result failed {len(failed)} of {len(gates)} quality gates: {told}.")
     if not gates:
         return Verdict("marked", "No quality gate applies to this field, so nothing tells whether it is right.")
-    worst = _worst(provenance["figures"].get("statistical_error", {}))
-    error = f", and its statistical error is {worst}" if worst else ""
+    errors = [
+        f"its statistical error{f' in sub-model {name}' if name else ''} is {worst}"
+        for name, record in _records(provenance)
+        if (worst := _worst(record["figures"].get("statistical_error", {})))
+    ]
+    error = "".join(f", and {one}" for one in errors)
     notes = len(_told(plan, provenance))
     mind = f" {notes} note{'s say' if notes > 1 else ' says'} what to keep in mind: see below." if notes else ""
     return Verdict("good", f"The field passed all {len(gates)} quality gates{error}.{mind}")
@@ -243,7 +247,7 @@ def _speed(value: float) -> str:
 
 def _sections(folder: Path, plan: Data | None, provenance: Data) -> Iterator[Section]:
     figures = folder / "figures"
-    yield from _pictures(figures, provenance)
+    yield from _pictures(figures, plan, provenance)
     yield from _profiles(figures, provenance)
     yield from _by_section(plan, provenance)
     yield from _flow(figures)
@@ -258,7 +262,7 @@ def _sections(folder: Path, plan: Data | None, provenance: Data) -> Iterator[Sec
     yield _versions(provenance)
 
 
-def _pictures(folder: Path, provenance: Data) -> Iterator[Section]:
+def _pictures(folder: Path, plan: Data | None, provenance: Data) -> Iterator[Section]:
     case = provenance["case"]
     scale = "at the flow rate of the process" if case else "at the scale of the dumps"
     shown = [
@@ -267,8 +271,10 @@ def _pictures(folder: Path, provenance: Data) -> Iterator[Section]:
         if (path := folder / f"rz_{name}.png").exists()
     ]
     if shown:
-        text = f"Half of the section through the axis, {scale}. Sections are named at the right."
-        yield Section("The flow", [text], shown, narrow=True)
+        text = [f"Half of the section through the axis, {scale}. Sections are named at the right."]
+        if plan is not None and plan["model"] == "hybrid":
+            text.append("Where the fluid flows alone, no standard error is known: it is drawn as 0.")
+        yield Section("The flow", text, shown, narrow=True)
     vessels = sorted(folder.glob("vessel*.png"))
     if vessels:
         caption = (

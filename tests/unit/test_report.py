@@ -140,6 +140,7 @@ def test_the_other_models_tell_what_they_know(model: str, tmp_path: Path) -> Non
     assert ("Stagnant zones and free surfaces" in text) == (model == "fluid")
     assert ("Turnover is how often" in text) == (model == "hybrid")
     assert ("statistical error, sub-model d" in text) == (model == "hybrid")
+    assert ("its statistical error in sub-model d is 3.4 %" in text) == (model == "hybrid")
     assert ("Settings and criteria of sub-model d" in text) == (model == "hybrid")
 
 
