@@ -30,6 +30,7 @@ from granpipe.analysis.heat import (  # noqa: E402
 )
 from granpipe.case.reader import load_case  # noqa: E402
 from granpipe.export.comsol import write_comsol  # noqa: E402
+from granpipe.export.exported import Exported  # noqa: E402
 from granpipe.field import Array, Field  # noqa: E402
 from granpipe.geometry.outline import Outline  # noqa: E402
 from granpipe.geometry.section import mesh_section  # noqa: E402
@@ -125,7 +126,7 @@ def exported_flows(folder: Path, field: Field) -> dict[str, Flow]:
     }
     for name, passes in ((SCALED, 0), (PAPER, 2)):
         with tempfile.TemporaryDirectory() as other:
-            write_comsol(paper(field, passes), Path(other), name="x", solids_density=1.0, date=datetime.now(UTC))
+            write_comsol(Exported(paper(field, passes), "x", 1.0, datetime.now(UTC)), Path(other))
             flows[name] = velocity_files(Path(other))
     return flows
 

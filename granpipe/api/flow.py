@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from granpipe.api.interpolation import Places, StreamSurface, bilinear, cells_at
 from granpipe.errors import DataError
-from granpipe.export.nodes import Nodes, nodal_values
+from granpipe.export.nodes import Nodes, nodal_errors, nodal_values
 from granpipe.field import Array, Field
 from granpipe.geometry.outline import Outline
 
@@ -266,12 +266,7 @@ class Flow:
 
     @cached_property
     def _nodal_errors(self) -> Nodes | None:
-        field = self.stored
-        if field.flux_r_se is None or field.flux_z_se is None:
-            return None
-        return nodal_values(
-            replace(field, flux_r=field.flux_r_se, flux_z=field.flux_z_se, packing_fraction=None, psi=None)
-        )
+        return nodal_errors(self.stored)
 
     def _bilinear(self, r: ArrayLike, z: ArrayLike, *values: Array) -> tuple[Array, ...]:
         return self._sampled(r, z, lambda _, at: tuple(bilinear(array, at) for array in values))

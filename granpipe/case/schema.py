@@ -17,7 +17,7 @@ from granpipe.case.values import Flow, Group, Name, OneOf, SomeOf, refuse
 from granpipe.case.yamlfile import dump_yaml
 
 Model = Literal["auto", "fluid", "dem", "hybrid"]
-Format = Literal["comsol", "vtk"]
+Format = Literal["comsol", "vtk", "openfoam", "fluent", "starccm", "moose", "xdmf", "ngsolve", "netcdf", "streamlines"]
 Figure = Literal["rz", "vessel", "animation"]
 
 
@@ -59,7 +59,9 @@ class Case(Group):
     homogenize: Homogenize = Field(default_factory=Homogenize, description="From particles to a field.")
     fluid: Fluid = Field(default_factory=Fluid, description="The fictitious fluid.")
     export: Annotated[tuple[Format, ...], SomeOf(Format)] = Field(
-        default=("comsol", "vtk"), description="Which files to write beside field.npz."
+        default=("comsol", "vtk"),
+        description="Which files to write beside field.npz: for COMSOL, ParaView (vtk), OpenFOAM, Fluent, STAR-CCM+, "
+        "MOOSE, FEniCSx (xdmf), NGSolve, as NetCDF, and streamlines with residence times.",
     )
     figures: Annotated[tuple[Figure, ...], SomeOf(Figure)] = Field(
         default=("rz", "vessel"),
@@ -79,6 +81,10 @@ class Case(Group):
             refuse(f"must be below dem.max_time ({end:g} s)", ("homogenize", "start"))
         if "animation" in self.figures and self.dem.keep_snapshots == "none":
             refuse("an animation is made of snapshots that are kept: set dem.keep_snapshots: thinned", ("figures",))
+        if self.homogenize.method == "gaussian" and "streamlines" in self.export:
+            refuse(
+                "streamlines follow the stream function, which homogenize.method: gaussian does not give", ("export",)
+            )
         if self.homogenize.method == "gaussian" and self.dem.statistical_error is not None:
             refuse(
                 "belongs to homogenize.method: psi, which knows its error; leave it out", ("dem", "statistical_error")

@@ -1,4 +1,4 @@
-"""Text files that COMSOL Multiphysics reads as interpolation functions, and the Java class that sets them up.
+"""Text files that COMSOL Multiphysics reads as interpolation functions, and the programs that set them up.
 
 Three formats: Spreadsheet (a row per node), Grid (axes, then rows of values) and Sectionwise (triangles of the solid
 cells alone, so that nothing is interpolated across a wall or a cavity). ASCII, LF, numbers that read back exactly,
@@ -7,8 +7,7 @@ never NaN. Quantities that a model does not give have no column and no file.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
@@ -16,48 +15,36 @@ import numpy as np
 
 from granpipe import __version__
 from granpipe.export.balance import Balance, balance_of
-from granpipe.export.nodes import Nodes, nodal_values, triangles
-from granpipe.field import Array, Field
+from granpipe.export.exported import Column, Exported, columns_of, number, numbers, write_lines
+from granpipe.export.nodes import Nodes, triangles
+from granpipe.field import Array
 from granpipe.system.templates import templates
 
 MONTHS = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
 
 
-@dataclass(frozen=True)
-class Column:
-    """One exported quantity: its name and unit in COMSOL, what it is, (nz+1, nr+1) values, a grid file of its own."""
-
-    name: str
-    unit: str
-    description: str
-    values: Array
-    grid_file: str = ""
-
-
-def write_comsol(field: Field, folder: Path, *, name: str, solids_density: float, date: datetime) -> Balance:
-    """Write the COMSOL files of a field into an existing folder; return how well what they hold balances.
-
-    Parameters
-    ----------
-    name : name of the case (plain ASCII, as the case file demands)
-    solids_density : ρ_s [kg/m³]; ρ_s φ_ref times the bulk velocity is the true mass flux
-    date : what the header states
+def write_comsol(exported: Exported, folder: Path) -> Balance:
+    """Write the COMSOL files into an existing folder; return how well what they hold balances.
 
     Raises
     ------
     DataError : a value of the field is not a number
     """
-    nodes = nodal_values(field)
-    balance = balance_of(field, nodes)
-    sections = write_interpolation(nodes, folder, name=name, date=date)
+    balance = balance_of(exported.field, exported.nodes)
+    sections = write_interpolation(
+        exported.nodes, folder, name=exported.name, date=exported.date, errors=exported.errors
+    )
     write_lines(folder / "flow_levels.txt", _levels(balance))
-    write_lines(folder / "import_comsol.java", [_java(field, sections, name, solids_density)])
+    write_lines(folder / "import_comsol.java", [_program("import_comsol.java.j2", exported, sections)])
+    write_lines(folder / "import_comsol.py", [_program("import_comsol.py.j2", exported, sections)])
     return balance
 
 
-def write_interpolation(nodes: Nodes, folder: Path, *, name: str, date: datetime) -> list[Column]:
+def write_interpolation(
+    nodes: Nodes, folder: Path, *, name: str, date: datetime, errors: Nodes | None = None
+) -> list[Column]:
     """Write the interpolation files alone; return the columns that are interpolated linearly."""
-    columns = columns_of(nodes)
+    columns = columns_of(nodes, errors)
     write_lines(folder / "flow_spreadsheet.txt", _spreadsheet(nodes, columns, name, date))
     for column in columns:
         if column.grid_file:
@@ -67,27 +54,6 @@ def write_interpolation(nodes: Nodes, folder: Path, *, name: str, date: datetime
     sections = [column for column in columns if column.name != "psi"]
     write_lines(folder / "flow_sectionwise.txt", _sectionwise(nodes, sections))
     return sections
-
-
-def columns_of(nodes: Nodes) -> list[Column]:
-    """What the spreadsheet holds beside r and z."""
-    solids = nodes.solids.astype(float)
-    across = "Radial" if nodes.axial else "Horizontal"
-    columns = [
-        Column("u_bulk", "m/s", f"{across} bulk velocity", nodes.bulk_u, "u_grid.txt"),
-        Column("w_bulk", "m/s", "Vertical bulk velocity", nodes.bulk_w, "w_grid.txt"),
-    ]
-    if nodes.particle_u is not None and nodes.particle_w is not None and nodes.packing is not None:
-        columns += [
-            Column("u_particle", "m/s", f"{across} particle velocity", nodes.particle_u),
-            Column("w_particle", "m/s", "Vertical particle velocity", nodes.particle_w),
-            Column("packing", "1", "Solids fraction", nodes.packing, "phi_grid.txt"),
-        ]
-    columns.append(Column("solids", "1", "Solids mask", solids))
-    if nodes.psi is not None:
-        unit, kind = ("m^3/s", "Stokes stream function") if nodes.axial else ("m^2/s", "Stream function")
-        columns.append(Column("psi", unit, kind, nodes.psi))
-    return columns
 
 
 def _spreadsheet(nodes: Nodes, columns: list[Column], name: str, date: datetime) -> Iterator[str]:
@@ -112,7 +78,7 @@ def spreadsheet(places: dict[str, Array], columns: list[Column], name: str, date
     first, *others = places
     yield _row(f"% {first}", *others, *(f"{column.name} ({column.unit})" for column in columns))
     table = np.column_stack([array.ravel() for array in (*places.values(), *(column.values for column in columns))])
-    yield from (_row(*map(_number, row)) for row in table.tolist())
+    yield from (_row(*map(number, row)) for row in table.tolist())
 
 
 def _row(first: str, *others: str) -> str:
@@ -120,22 +86,13 @@ def _row(first: str, *others: str) -> str:
     return (f"{first:<26}" + "".join(f"{text:<25}" for text in others)).rstrip()
 
 
-def _number(value: float) -> str:
-    """The shortest text that reads back as the same number; 0 and whole numbers as COMSOL writes them, without .0"""
-    return repr(value + 0.0).removesuffix(".0")
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(map(_number, values))
-
-
 def _grid(first: Array, second: Array, values: Array) -> Iterator[str]:
     """Lines of the Grid format: both axes, then all values at one value of the second axis per row."""
     yield "% Grid"
-    yield _numbers(first.tolist())
-    yield _numbers(second.tolist())
+    yield numbers(first.tolist())
+    yield numbers(second.tolist())
     yield "% Data"
-    yield from map(_numbers, values.tolist())
+    yield from map(numbers, values.tolist())
 
 
 def _sectionwise(nodes: Nodes, columns: list[Column]) -> Iterator[str]:
@@ -143,13 +100,13 @@ def _sectionwise(nodes: Nodes, columns: list[Column]) -> Iterator[str]:
     points = np.flatnonzero(nodes.solids)
     r, z = np.meshgrid(nodes.r, nodes.z)
     yield "% Coordinates"
-    yield from map(_numbers, zip(r.ravel()[points].tolist(), z.ravel()[points].tolist(), strict=True))
+    yield from map(numbers, zip(r.ravel()[points].tolist(), z.ravel()[points].tolist(), strict=True))
     yield "% Elements (triangles)"
-    number = np.cumsum(nodes.solids).reshape(nodes.solids.shape)  # 1-based
-    yield from (f"{a} {b} {c}" for a, b, c in number.ravel()[triangles(nodes)].tolist())
+    place = np.cumsum(nodes.solids).reshape(nodes.solids.shape)  # 1-based
+    yield from (f"{a} {b} {c}" for a, b, c in place.ravel()[triangles(nodes)].tolist())
     for column in columns:
         yield f"% Data ({column.name} ({column.unit}))"
-        yield from map(_number, column.values.ravel()[points].tolist())
+        yield from map(number, column.values.ravel()[points].tolist())
 
 
 def _levels(balance: Balance) -> Iterator[str]:
@@ -167,30 +124,25 @@ def _levels(balance: Balance) -> Iterator[str]:
         "divergence, RMS (1/s)": balance.divergence_rms,
         "false source (1)": balance.false_source,
     }
-    yield from (f"% {key + ':':<29}{_number(value)}" for key, value in summary.items())
+    yield from (f"% {key + ':':<29}{number(value)}" for key, value in summary.items())
     yield _row("% z (m)", "field (m^3/s)", "grid (m^3/s)", "sectionwise (m^3/s)")
     table = np.column_stack([balance.z, balance.field, balance.grid, balance.sectionwise])
-    yield from (_row(*map(_number, row)) for row in table.tolist())
+    yield from (_row(*map(number, row)) for row in table.tolist())
 
 
-def _java(field: Field, sections: list[Column], name: str, solids_density: float) -> str:
-    """The class that adds functions, parameters and variables to a COMSOL model."""
+def _program(template: str, exported: Exported, sections: list[Column]) -> str:
+    """The Java class or the Python script that adds functions, parameters and variables to a COMSOL model."""
     return (
         templates()
-        .get_template("import_comsol.java.j2")
+        .get_template(template)
         .render(
-            name=name,
+            name=exported.name,
             version=__version__,
             functions=sections,
-            conserving=field.psi is not None,
-            flow_rate=_number(field.bulk_flow * field.flow_scale),
-            reference_density=_number(solids_density * field.bulk_packing),
-            solids_density=_number(solids_density),
-            reference_packing=_number(field.bulk_packing),
+            conserving=exported.field.psi is not None,
+            flow_rate=number(exported.flow_rate),
+            reference_density=number(exported.reference_density),
+            solids_density=number(exported.solids_density),
+            reference_packing=number(exported.field.bulk_packing),
         )
     )
-
-
-def write_lines(path: Path, lines: Iterable[str]) -> None:
-    with path.open("w", encoding="ascii", newline="\n") as file:
-        file.writelines(f"{line}\n" for line in lines)

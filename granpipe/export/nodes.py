@@ -75,6 +75,16 @@ def nodal_values(field: Field) -> Nodes:
     return nodes
 
 
+def nodal_errors(field: Field) -> Nodes | None:
+    """Standard errors of the bulk velocities on the nodes, in the place of the velocities; None where none are known.
+
+    They are interpolated as the velocities are, which takes neighbouring faces to err together: at most too large.
+    """
+    if field.flux_r_se is None or field.flux_z_se is None:
+        return None
+    return nodal_values(replace(field, flux_r=field.flux_r_se, flux_z=field.flux_z_se, packing_fraction=None, psi=None))
+
+
 def solid_cells(field: Field) -> Mask:
     """(nz, nr) bulk cells, and the slivers (under half inside the outline) that share a face with one.
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granpipe.export.comsol import Column, spreadsheet, write_lines
+from granpipe.export.comsol import spreadsheet
+from granpipe.export.exported import Column, write_lines
 from granpipe.field import Array, Box, Field
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from granpipe.case.schema import Case
 from granpipe.export.run_report import write_run_report
 from granpipe.field import Field
 from granpipe.pipeline.dumps import Homogenized
+from granpipe.pipeline.exports import write_exports
 from granpipe.pipeline.plot import DrawnVessel
 from granpipe.pipeline.summary import field_summary
 from granpipe.system.jsonfile import write_json
@@ -17,8 +18,10 @@ from granpipe.system.publish import publishing_new
 
 
 def write_homogenized(made: Homogenized, case: Case | None, folder: Path) -> None:
-    """Write ``field.npz``, ``provenance.json`` with all that was measured, a file for ParaView and, but for rings
-    without a case, text files for COMSOL; pictures, but for a field in space, and ``report.html``.
+    """Write ``field.npz``, ``provenance.json`` with all that was measured, and the files that the case asks for.
+
+    Without a case that is one for ParaView and, but for rings, text files for COMSOL. Pictures, but for a field in
+    space, and ``report.html``.
 
     Raises
     ------
@@ -61,19 +64,23 @@ def _draw(field: Field, case: Case | None, folder: Path) -> None:
 def _write_plane(field: Field, case: Case | None, folder: Path) -> None:
     """Write the files of a field on rings or in the plane x–z."""
     from granpipe.export.comsol import write_interpolation
-    from granpipe.export.nodes import nodal_values
+    from granpipe.export.nodes import nodal_errors, nodal_values
     from granpipe.export.tables import write_tables
     from granpipe.export.vtk import write_vtu
-    from granpipe.pipeline.results import write_comsol_folder
 
+    if case is not None:
+        write_exports(field, case, folder)
+        return
     write_vtu(field, folder / "field.vtu")
     write_tables(field, folder)
-    if case is not None:
-        write_comsol_folder(field, case, folder)
-    elif not field.grid.axial:
+    if not field.grid.axial:
         (folder / "comsol").mkdir()
         write_interpolation(
-            nodal_values(field), folder / "comsol", name="homogenized", date=datetime.now().astimezone()
+            nodal_values(field),
+            folder / "comsol",
+            name="homogenized",
+            date=datetime.now().astimezone(),
+            errors=nodal_errors(field),
         )
 
 

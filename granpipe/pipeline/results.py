@@ -17,7 +17,7 @@ from granpipe.case.schema import Case
 from granpipe.dem.settings import Decision
 from granpipe.errors import DataError, RunError
 from granpipe.export.run_report import write_run_report
-from granpipe.field import Field
+from granpipe.pipeline.exports import write_exports
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.production import Production
@@ -201,38 +201,6 @@ def plan_summary(plan: Plan) -> dict[str, Any]:
         for span, submodel in plan.submodels
     }
     return summary
-
-
-def write_comsol_folder(field: Field, case: Case, folder: Path) -> None:
-    """Write ``comsol/`` below a folder."""
-    from granpipe.export.comsol import write_comsol
-
-    (folder / "comsol").mkdir()
-    write_comsol(
-        field,
-        folder / "comsol",
-        name=case.name,
-        solids_density=case.material.density,
-        date=datetime.now().astimezone(),
-    )
-
-
-def write_exports(field: Field, case: Case, folder: Path) -> None:
-    """Write the files of every format that the case asks for, and the tables of what it asks for beside the field.
-
-    Raises
-    ------
-    DataError : a value of the field is not a number
-    """
-    from granpipe.export.tables import write_tables
-
-    if "comsol" in case.export:
-        write_comsol_folder(field, case, folder)
-    if "vtk" in case.export:
-        from granpipe.export.vtk import write_vtu
-
-        write_vtu(field, folder / "field.vtu")
-    write_tables(field, folder)
 
 
 def _fluid_mesh(folder: Path, plan: Plan, made: ModelResult) -> None:

@@ -11,7 +11,7 @@ from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
-from granpipe.pipeline.results import write_exports
+from granpipe.pipeline.exports import write_exports
 from granpipe.planning.flow import check_flow_rate, target_flow
 from granpipe.system.manifest import verify
 from granpipe.system.publish import publishing_new

@@ -11,6 +11,7 @@ from fakes.comsol_text import read_sections
 from fakes.synthetic import field_of, ring_vessel
 
 from granpipe.export.comsol import write_comsol
+from granpipe.export.exported import Exported
 
 pytestmark = pytest.mark.skipif(shutil.which("javac") is None, reason="no Java compiler (javac) here")
 
@@ -71,7 +72,7 @@ def test_java_class_compiles_and_sets_up_what_the_files_hold(with_psi: bool, tmp
     folder = tmp_path / "comsol"
     folder.mkdir()
     field = field_of(ring_vessel(), 0.1, with_psi=with_psi)
-    write_comsol(field, folder, name="ring-1", solids_density=1000.0, date=datetime(2026, 9, 2))
+    write_comsol(Exported(field, "ring-1", 1000.0, datetime(2026, 9, 2)), folder)
     calls = recorded(folder, tmp_path / "build")
     assert "Model.component.comp1.geom.geom1 axisymmetric|true" in calls
 

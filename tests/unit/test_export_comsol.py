@@ -11,6 +11,7 @@ from fakes.comsol_text import read_sections, read_spreadsheet
 from fakes.synthetic import FLOW, PACKING, SCALE, field_of, pipe, ring_vessel
 
 from granpipe.export.comsol import write_comsol
+from granpipe.export.exported import Exported
 from granpipe.export.nodes import nodal_values
 
 DATE = datetime(2026, 9, 2, 8, 5)
@@ -41,7 +42,7 @@ def field():
 @pytest.fixture(scope="module")
 def folder(field, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("comsol")
-    write_comsol(field, folder, name="ring", solids_density=1000.0, date=DATE)
+    write_comsol(Exported(field, "ring", 1000.0, DATE), folder)
     return folder
 
 
@@ -58,7 +59,7 @@ def comsol_export(request, tmp_path) -> Path:
 
 def test_spreadsheet_has_the_layout_of_a_comsol_export(comsol_export, field, tmp_path) -> None:
     theirs = read_spreadsheet(comsol_export)
-    write_comsol(field, tmp_path, name="ring", solids_density=1000.0, date=DATE)
+    write_comsol(Exported(field, "ring", 1000.0, DATE), tmp_path)
     ours = read_spreadsheet(tmp_path / "flow_spreadsheet.txt")
     assert list(ours.entries) == list(theirs.entries)
     assert ours.heads[:2] == theirs.heads[:2] == ["r", "z"]
@@ -153,7 +154,7 @@ def test_sectionwise_holds_triangles_of_the_solids_alone(field, folder) -> None:
 
 
 def test_levels_table_states_flow_and_divergence(field, tmp_path) -> None:
-    balance = write_comsol(field, tmp_path, name="ring", solids_density=1000.0, date=DATE)
+    balance = write_comsol(Exported(field, "ring", 1000.0, DATE), tmp_path)
     text = (tmp_path / "flow_levels.txt").read_text()
     table = np.loadtxt(tmp_path / "flow_levels.txt", comments="%")
     np.testing.assert_array_equal(table[:, 0], field.grid.z_edges)
@@ -175,6 +176,7 @@ def test_every_file_is_ascii_with_unix_line_ends_and_without_nan(folder) -> None
         "flow_sectionwise.txt",
         "flow_spreadsheet.txt",
         "import_comsol.java",
+        "import_comsol.py",
         "phi_grid.txt",
         "psi_grid.txt",
         "u_grid.txt",
@@ -192,7 +194,7 @@ def test_every_file_is_ascii_with_unix_line_ends_and_without_nan(folder) -> None
 
 def test_what_the_model_does_not_know_has_no_file_and_no_column(tmp_path) -> None:
     field = field_of(pipe(), 0.1, with_psi=False, with_packing=False)
-    write_comsol(field, tmp_path, name="pipe", solids_density=1000.0, date=DATE)
+    write_comsol(Exported(field, "pipe", 1000.0, DATE), tmp_path)
     assert not (tmp_path / "psi_grid.txt").exists()
     assert not (tmp_path / "phi_grid.txt").exists()
     heads = read_spreadsheet(tmp_path / "flow_spreadsheet.txt").heads

@@ -14,6 +14,7 @@ from heat_checks import Velocity, false_source
 from granpipe.analysis.heat import HeatProblem, Stream, Temperature, solve_heat
 from granpipe.errors import DataError
 from granpipe.export.comsol import write_comsol
+from granpipe.export.exported import Exported
 from granpipe.field import Field, Grid, flux_from_psi
 from granpipe.homogenize.conserve import scale_rows
 
@@ -131,7 +132,7 @@ def exported(tmp_path_factory):
 def read_back(folder, grid, inside, flux_r, flux_z, psi):
     flow = VESSEL.solids_flow / VESSEL.packing
     field = Field(grid, inside, inside > 0, flux_r, flux_z, flow, VESSEL.packing, 1.0, psi=psi)
-    write_comsol(field, folder, name="vessel", solids_density=1000.0, date=datetime(2026, 1, 1))
+    write_comsol(Exported(field, "vessel", 1000.0, datetime(2026, 1, 1)), folder)
     return {path.stem: read_sections(path) for path in folder.glob("*_grid.txt")}
 
 
