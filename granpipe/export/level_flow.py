@@ -19,7 +19,7 @@ def level_flow_figure(z: Array, whole: Array, late: Array, title: str, path: Pat
         axes = figure.add_subplot()
         axes.axvline(1.0, color=INK, linewidth=0.6, linestyle=":", label="the plate")
         axes.plot(whole, z, color=BLUE, label="whole run")
-        axes.plot(late, z, color=RED, label="last third")
+        axes.plot(late, z, color=RED, linestyle="--", label="last third")
         axes.set(xlabel="flow through the level / flow of the plate", ylabel="z [m]", title=title)
         axes.legend(frameon=False)
         figure.savefig(path, dpi=DPI)

@@ -83,7 +83,7 @@ def _levels(folder: Path, story: Story) -> None:
 
 def _raw_average(folder: Path, story: Story) -> None:
     """The plain average on r–z, stamped; none where it cannot be drawn."""
-    from granpipe.export.pictures import DPI, overview
+    from granpipe.export.pictures import DPI, RED, overview
 
     plan, outline = story.plan, story.plan.outline
     sums = merge([one for production in story.productions for one in production.sums()])
@@ -95,11 +95,20 @@ def _raw_average(folder: Path, story: Story) -> None:
     plug = Plug(packing, story.levels.flow, 0.0, plug_range(outline, sums.grid))
     try:
         field = replace(raw_field(sums, inside, plug, plan.dem.classes.sauter_diameter), psi=None)
-        figure = overview(field, outline.wall.tolist(), {n: p.tolist() for n, p in outline.obstacles.items()})
+        obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
+        title = f"{plan.case.name}: plain average, at the scale of the simulation"
+        figure = overview(field, outline.wall.tolist(), obstacles, plan.case.outline.levels, title)
     except DataError:
         return
-    figure.text(
-        0.5, 0.5, "FAILED: no field", color="#c0392b", alpha=0.4, fontsize=30, rotation=60, ha="center", va="center"
-    )
+    stamp: dict[str, Any] = {
+        "color": RED,
+        "alpha": 0.5,
+        "fontsize": 30,
+        "rotation": 60,
+        "ha": "center",
+        "va": "center",
+        "zorder": 10,
+    }
+    figure.text(0.5, 0.5, "FAILED: no field", **stamp)
     path = folder / "figures" / "raw_average.png"
     figure.savefig(path, dpi=DPI)
