@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from granpipe.errors import DataError
-from granpipe.export.nodes import Nodes, nodal_values, triangles
+from granpipe.export.nodes import Nodes, nodal_errors, nodal_values, triangles
 from granpipe.field import Array, Field, Mask, level_flow
 from granpipe.system.surroundings import own_style
 
@@ -333,16 +332,9 @@ def _draw_speed(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     _bar(axis, image, f"speed [{unit}]", "max")
 
 
-def error_nodes(field: Field) -> Nodes | None:
-    """Standard errors of the bulk velocity on the nodes; None where the field has none."""
-    if field.flux_r_se is None or field.flux_z_se is None:
-        return None
-    return nodal_values(replace(field, flux_r=field.flux_r_se, flux_z=field.flux_z_se, packing_fraction=None, psi=None))
-
-
 def _draw_error(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     """Standard error of the bulk velocity, √(σ_u² + σ_w²)."""
-    spread = error_nodes(field)
+    spread = nodal_errors(field)
     if spread is None:
         raise DataError("this field has no standard errors: it is a fluid's, or too few segments were averaged")
     error = np.hypot(spread.bulk_u, spread.bulk_w)

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granpipe.errors import DataError
-from granpipe.export.nodes import Nodes, nodal_values
-from granpipe.export.pictures import BLUE, DPI, RED, STYLE, Levels, error_nodes, readable_unit
+from granpipe.export.nodes import Nodes, nodal_errors, nodal_values
+from granpipe.export.pictures import BLUE, DPI, RED, STYLE, Levels, readable_unit
 from granpipe.field import Array, Field
 from granpipe.system.surroundings import own_style
 
@@ -51,7 +51,7 @@ def level_profile(field: Field, z: float, section: str = "") -> LevelProfile:
     ------
     DataError : the level is outside the field
     """
-    nodes, errors = nodal_values(field), error_nodes(field)
+    nodes, errors = nodal_values(field), nodal_errors(field)
     if not nodes.z[0] <= z <= nodes.z[-1]:
         raise DataError(
             f"z = {z:.6g} m is outside the field; choose a level from {nodes.z[0]:.6g} to {nodes.z[-1]:.6g} m"
@@ -61,7 +61,7 @@ def level_profile(field: Field, z: float, section: str = "") -> LevelProfile:
 
 def section_profiles(field: Field, sections: Levels) -> list[LevelProfile]:
     """Profiles at mid-height of the sections, at most six, spread evenly over them; none without solids there."""
-    nodes, errors = nodal_values(field), error_nodes(field)
+    nodes, errors = nodal_values(field), nodal_errors(field)
     found = [_profile(nodes, errors, 0.5 * (top + bottom), name) for name, (top, bottom) in sections.items()]
     found = [one for one in found if np.isfinite(one.w).any()]
     chosen = np.unique(np.linspace(0, len(found) - 1, min(len(found), MOST_PROFILES)).round().astype(int))

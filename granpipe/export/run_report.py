@@ -48,6 +48,10 @@ FILES = {
     "level_flow.csv": "flow through every level over that of the plate",
     "provenance.json": "all measured figures, versions, seeds, times",
     "import_comsol.java": "adds all of this to a COMSOL model",
+    "import_comsol.py": "the same from Python, by MPh",
+    "flow.nc": "the field as NetCDF",
+    "flow.xdmf": "the field for FEniCSx",
+    "streamlines.csv": "streamlines with residence times",
     "psi_grid.txt": "stream function on r² and z, for COMSOL",
     "flow_sectionwise.txt": "velocities on triangles of the solids, for COMSOL",
     "u_grid.txt": "radial velocity on a grid, for COMSOL",
@@ -55,6 +59,13 @@ FILES = {
     "phi_grid.txt": "packing on a grid, for COMSOL",
     "flow_spreadsheet.txt": "all quantities as one table, for COMSOL",
     "flow_levels.txt": "flow through every level, divergence",
+}
+PROGRAMS = {
+    "openfoam": "for OpenFOAM",
+    "fluent": "for Ansys Fluent",
+    "starccm": "for STAR-CCM+",
+    "moose": "for MOOSE",
+    "ngsolve": "for NGSolve",
 }
 COMSOL_STEPS = (
     "In the folder comsol/ run: comsol compile import_comsol.java",
@@ -474,7 +485,8 @@ def _files(folder: Path) -> Iterator[Section]:
     ]
     shown = [path for path in paths if path.parts[0] not in ("figures", "logs")]
     rows: list[list[str | Link]] = [
-        [Link(path.as_posix(), path.as_posix()), FILES.get(path.name, "")] for path in shown
+        [Link(path.as_posix(), path.as_posix()), FILES.get(path.name, PROGRAMS.get(path.parts[0], ""))]
+        for path in shown
     ]
     for name, what in (("figures", "the pictures"), ("logs", "what LIGGGHTS said")):
         if any(path.parts[0] == name for path in paths):
