@@ -99,7 +99,8 @@ def _classes(edges: Array, shares: Array | None, density: Callable[[Array], Arra
     fractions = (np.arange(_QUADRATURE) + 0.5) / _QUADRATURE
     widths = np.diff(edges)
     r = edges[:-1, None] + widths[:, None] * fractions
-    weight = density(r) * widths[:, None] / _QUADRATURE
+    with np.errstate(over="ignore"):  # far from a narrow distribution the density is 0
+        weight = density(r) * widths[:, None] / _QUADRATURE
     if shares is not None:
         weight *= (shares / weight.sum(axis=1))[:, None]
     number = weight / r**3 if by == "mass" else weight
