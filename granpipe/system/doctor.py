@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -19,7 +20,9 @@ from importlib import metadata
 from pathlib import Path
 
 from granpipe.errors import RunError
+from granpipe.system.locks import shared
 from granpipe.system.programs import liggghts_version
+from granpipe.system.surroundings import cache_folder, can_be_written, require_memory
 
 TIMEOUT = 4.0
 """Seconds after which a program that does not answer counts as missing."""
@@ -99,7 +102,7 @@ class Finding:
 
 def check(folder: Path | None = None) -> list[Finding]:
     """Look at everything, in a few seconds at most; `folder` is where results would go (default: the present one)."""
-    here = [_python(), *(_package(name) for name in PACKAGES), _disk(folder or Path()), _cores()]
+    here = [_python(), *(_package(name) for name in PACKAGES), *_surroundings(folder or Path()), _cores()]
     return [*_try(*_TRIED), *here]
 
 
@@ -176,6 +179,40 @@ def _disk(folder: Path) -> Finding:
     amount = f"{free / 1e9:.1f} GB free in {folder.resolve()}"
     found = amount if free >= DISK_WANTED else None
     return Finding("disk", found, "snapshots and results", f"{amount}; make room or choose another --results folder")
+
+
+def _surroundings(folder: Path) -> list[Finding]:
+    """What the place and the process bring: disk, file locks, room for libraries, a folder for their caches."""
+    return [_disk(folder), _locks(folder), _address_space(), _caches()]
+
+
+def _locks(folder: Path) -> Finding:
+    found: str | None = "work"
+    remedy = ""
+    try:
+        with tempfile.TemporaryDirectory(dir=folder, prefix=".granpipe-") as scratch, shared(Path(scratch) / "lock"):
+            pass
+    except OSError as error:
+        found, remedy = None, f"the folder cannot be written ({error.strerror}); choose another --results folder"
+    except RunError as error:
+        found, remedy = None, str(error)
+    return Finding("file locks", found, f"results in {folder.resolve()}, safe from other processes", remedy)
+
+
+def _address_space() -> Finding:
+    found: str | None = "enough"
+    remedy = ""
+    try:
+        require_memory()
+    except RunError as error:
+        found, remedy = None, str(error)
+    return Finding("address space", found, "the libraries of a run", remedy)
+
+
+def _caches() -> Finding:
+    folder = cache_folder()
+    found = str(folder) if can_be_written(folder) else f"{folder} cannot be written; a temporary folder is used instead"
+    return Finding("caches", found, "a quick start", "")
 
 
 def _cores() -> Finding:

@@ -1,5 +1,6 @@
 """The doctor: names what is there and what is missing, quickly, whatever the programs it asks do."""
 
+import errno
 import re
 import stat
 import time
@@ -40,6 +41,41 @@ def test_every_dependency_is_looked_up() -> None:
 def test_setup_installs_every_library_that_the_doctor_names() -> None:
     lines = [tuple(line.split()) for line in (ROOT / ".ci/setup").read_text().splitlines()]
     assert {line for line in lines if len(line) == 2 and ".so." in line[0]} == set(doctor.DEBIAN.items())
+
+
+def finding(name: str, folder: Path) -> doctor.Finding:
+    return next(one for one in doctor._surroundings(folder) if one.name == name)
+
+
+def test_a_file_system_without_locks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unsupported(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    assert finding("file locks", tmp_path).found == "work"
+    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr("fcntl.flock", unsupported)
+    missing = finding("file locks", tmp_path)
+    assert missing.found is None
+    assert "choose a folder on another one with --results" in missing.remedy
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    missing = finding("file locks", tmp_path / "absent")
+    assert missing.found is None
+    assert "choose another --results folder" in missing.remedy
+
+
+def test_too_small_an_address_space_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("resource.getrlimit", lambda _: (500_000_000, -1))
+    missing = finding("address space", tmp_path)
+    assert missing.found is None
+    assert "ulimit -v" in missing.remedy
+
+
+def test_caches_that_cannot_be_written_go_elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert "a temporary folder is used instead" in str(finding("caches", tmp_path).found)
 
 
 @pytest.mark.usefixtures("bin_folder")
