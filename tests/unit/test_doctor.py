@@ -60,7 +60,7 @@ def test_a_file_system_without_locks_is_told(tmp_path: Path, monkeypatch: pytest
 
 
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    missing = finding("file locks", tmp_path / "absent")
+    missing = doctor._locks(tmp_path / "absent")
     assert missing.found is None
     assert "choose another --results folder" in missing.remedy
 
