@@ -194,18 +194,27 @@ def run(case: Path, overrides: Mapping[str, str], results: Path, total_error: fl
 @main.command()
 @_CASE
 @_SET
-def plan(case: Path, overrides: Mapping[str, str]) -> None:
-    """Show what a run of CASE would do, leave out and cost."""
+@click.option("--picture", type=_PATH, help="PNG file to draw the plan into; default: CASE with .plan.png.")
+def plan(case: Path, overrides: Mapping[str, str], picture: Path | None) -> None:
+    """Show what a run of CASE would do, leave out and cost.
+
+    A picture of the vessel shows sections, openings, free surfaces to be expected, and what will be simulated.
+    """
+    from granpipe.pipeline.plan_picture import draw_plan
     from granpipe.pipeline.run import plan_case
     from granpipe.planning.plan import model_plans
     from granpipe.planning.text import plan_text
+    from granpipe.planning.vessel_text import contents_text, vessel_text
     from granpipe.system.cores import usable_cores
     from granpipe.system.rates import known_rates
 
     file, cores = _read(case, overrides), usable_cores()
     for note in file.notes:
         click.echo(f"note: {note}")
-    click.echo(plan_text(plan_case(file, cores), model_plans(file.case, cores), known_rates()))
+    made = plan_case(file, cores)
+    click.echo(plan_text(made, model_plans(file.case, cores), known_rates()))
+    click.echo(f"\n{vessel_text(made.outline)}\n{contents_text(made)}")
+    click.echo(draw_plan(made, picture or case.with_suffix(".plan.png")))
 
 
 @main.command()
@@ -214,12 +223,12 @@ def plan(case: Path, overrides: Mapping[str, str]) -> None:
 def check(case: Path, overrides: Mapping[str, str]) -> None:
     """Check whether CASE is valid, without running it."""
     from granpipe.pipeline.run import plan_case
-    from granpipe.planning.vessel_text import vessel_text
+    from granpipe.planning.vessel_text import contents_text, vessel_text
     from granpipe.system.cores import usable_cores
 
     file = _read(case, overrides)
     made = plan_case(file, usable_cores())
-    click.echo(vessel_text(made.outline))
+    click.echo(f"{vessel_text(made.outline)}\n{contents_text(made)}")
     for warning in (*file.notes, *made.warnings, *made.breaches):
         click.echo(f"note: {warning}")
     click.echo(f"{case}: valid")

@@ -15,6 +15,7 @@ from granpipe.field import Grid
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
+from granpipe.planning.doubts import doubts, size_hint, unit_hint
 from granpipe.planning.flow import check_flow_rate
 from granpipe.planning.sections import section_needs, section_ranges
 from granpipe.planning.submodel import Span, spans, sub_case
@@ -38,9 +39,6 @@ CHORD_LIMIT = 0.15
 
 LEAST_SEGMENTS = 4
 """The ψ fit weighs the average by how segments differ; up to half of them may be transient."""
-
-LARGE_VESSEL = 50.0
-"""Radius or height [m] from which coordinates without a unit are more likely millimetres."""
 
 FLUID_SECONDS = 3.0
 """Meshing and solving for the fictitious fluid, start-up included."""
@@ -249,7 +247,7 @@ class _Scene:
         try:
             settings = choose(self.case, self._vessel(), self.cores)
         except CaseError as error:
-            raise self._with_unit_hint(error) from None
+            raise self._with_hint(error) from None
         self._check_duration(settings)
         reasons = "; ".join(f"{name}: {need.dem}" for name, need in self.needs.items() if need.dem)
         stages = [
@@ -394,7 +392,7 @@ class _Scene:
             stages=tuple(stages),
             left_out=tuple(left),
             decisions=(),
-            notes=tuple(notes or ()),
+            notes=(*doubts(self.case, self.outline), *(notes or ())),
             particle_steps=0.0,
             seconds=seconds,
             disk_bytes=0.0,
@@ -408,14 +406,11 @@ class _Scene:
         try:
             return Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, size)
         except CaseError as error:
-            raise self._with_unit_hint(error) from None
+            raise self._with_hint(error) from None
 
-    def _with_unit_hint(self, error: CaseError) -> CaseError:
-        """The error with a question where coordinates in mm may have been read as metres."""
-        outline = self.case.outline
-        if "unit" in outline.model_fields_set or max(self.outline.r_max, abs(self.outline.z_top)) < LARGE_VESSEL:
-            return error
-        hint = f"; the vessel is {self.outline.r_max:g} m in radius: did you mean outline.unit: mm?"
+    def _with_hint(self, error: CaseError) -> CaseError:
+        """The error with a question where a unit may be missing, or diameters were given as radii."""
+        hint = unit_hint(self.case, self.outline) or size_hint(self.case, self.outline)
         return CaseError(error.message + hint, error.key, error.place)
 
     def _results(self, model: Model) -> Stage:

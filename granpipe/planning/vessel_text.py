@@ -6,9 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import yaml
 
+from granpipe.dem.settings import LEAST_GAP, PACKING
+from granpipe.dem.sizes import size_classes
 from granpipe.field import Array
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
+from granpipe.planning.plan import Plan
 
 
 def vessel_text(outline: Outline) -> str:
@@ -25,6 +28,25 @@ def vessel_text(outline: Outline) -> str:
     for name, polygon in outline.obstacles.items():
         (r0, z0), (r1, z1) = polygon.min(axis=0), polygon.max(axis=0)
         lines.append(f"obstacle  {name}: r = {r0:.6g} … {r1:.6g} m, z = {z0:.6g} … {z1:.6g} m")
+    return "\n".join(lines)
+
+
+def contents_text(plan: Plan) -> str:
+    """What is in the vessel of a plan: mass, particles, and how many of them the openings pass side by side."""
+    material, classes = plan.case.material, size_classes(plan.case.material.size)
+    density, source = material.bulk_density, "of the case"
+    if density is None:
+        density, source = PACKING * material.density, f"for a packing of {PACKING:g}"
+    factor = plan.case.dem.coarse_grain_factor
+    simulated = classes.enlarged(factor)
+    number = density / material.density * plan.outline.volume() / simulated.mean_volume
+    lines = [
+        f"material  {density * plan.outline.volume() / 1000:.3g} t in the vessel, {density:.4g} kg/m³ {source}",
+        f"particles {number:.0f} in the vessel, ⌀ {2 * classes.smallest:.4g} … {2 * classes.largest:.4g} m, "
+        f"d90 {classes.d90:.4g} m" + ("" if factor == 1 else f", simulated with ⌀ × {factor:g}"),
+    ]
+    for one in find_openings(plan.outline):
+        lines.append(f"opening   {one.name}: {one.gap / simulated.d90:.3g} × d90 (at least {LEAST_GAP:g}, better 10)")
     return "\n".join(lines)
 
 

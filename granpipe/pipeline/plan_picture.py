@@ -1,0 +1,39 @@
+"""The picture of a plan: what was understood, and what will be simulated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from granpipe.export.plan_picture import Planned, plan_picture
+from granpipe.geometry.openings import find_openings
+from granpipe.planning.plan import Plan
+from granpipe.planning.sections import section_ranges
+
+
+def draw_plan(plan: Plan, path: Path) -> str:
+    """Draw a plan into a PNG file; a line that says where it is, or why it is not there."""
+    try:
+        plan_picture(planned(plan), f"{plan.case.name}: model {plan.model}", path)
+    except OSError as error:
+        return f"no picture: {path} cannot be written ({error.strerror})"
+    return f"picture   {path}"
+
+
+def planned(plan: Plan) -> Planned:
+    """What the picture of a plan shows."""
+    outline, runs = plan.outline, plan.runs
+    by_particles = [(run.outline.z_bottom, run.outline.z_top) for run in runs]
+
+    def simulated(top: float, bottom: float) -> bool:
+        return any(low <= 0.5 * (top + bottom) <= high for low, high in by_particles)
+
+    ranges = section_ranges(plan.case, outline)
+    dem = plan.settings
+    return Planned(
+        wall=outline.wall,
+        obstacles=outline.obstacles,
+        sections={n: (s.z_top, s.z_bottom, simulated(s.z_top, s.z_bottom)) for n, s in ranges.items()},
+        openings={one.name: (one.z, one.r_inner, one.r_outer) for one in find_openings(outline)},
+        feed=None if dem is None else (dem.feed_bottom, dem.feed_top),
+        plate=None if dem is None or dem.open_outlet else (dem.plate_z, dem.plate_z - dem.plate_speed * dem.duration),
+    )
