@@ -69,11 +69,11 @@ def solve_stokes(mesh: RZMesh, data: BoundaryData, forcing: Forcing | None = Non
     pressure = space.of_order(order - 1)
     bound = constrain(space, data)
     momentum, source = _momentum(space, forcing)
-    outflow = _divergence(space, pressure)
+    outflow = divergence(space, pressure)
     P = bound.prolongation
     matrix = sparse.block_array([[P.T @ momentum @ P, (outflow @ P).T], [outflow @ P, None]], format="csr")
     right = np.concatenate([P.T @ (source - momentum @ bound.given), -outflow @ bound.given])
-    unknowns = _order(matrix, bound, space, pressure)
+    unknowns = elimination_order(matrix, bound, space, pressure)
     if data.normal_held.all():  # the pressure is known up to a constant: the flows balance, so any node may be 0
         unknowns = unknowns[unknowns != len(right) - 1]
     solution, residual = solve_ordered(matrix, right, unknowns, _shift(len(bound.node), pressure, forcing))
@@ -106,7 +106,7 @@ def _momentum(space: Space, forcing: Forcing | None) -> tuple[Any, Array]:
     return matrix, np.concatenate([push.assemble(space.basis, factor=factor, target=part) for part in target])
 
 
-def _divergence(space: Space, pressure: Space) -> Any:
+def divergence(space: Space, pressure: Space) -> Any:
     """(M, 2N) sparse −∫ q (r ∂u/∂r + u + r ∂w/∂z)."""
     from skfem import BilinearForm
 
@@ -143,7 +143,7 @@ def _factor(space: Space, forcing: Forcing | None) -> Array:
     return forcing.factor(r, z) if forcing else np.zeros_like(r)
 
 
-def _order(matrix: Any, bound: Constraints, space: Space, pressure: Space) -> Index:
+def elimination_order(matrix: Any, bound: Constraints, space: Space, pressure: Space) -> Index:
     """Elimination order by nested dissection; in each mesh entity velocities first, so that pressures find a pivot.
 
     A pressure on the boundary, whose own velocities are prescribed, waits for the last velocity that it meets.
