@@ -177,5 +177,58 @@ jump SELF again
 """
 
 
+def fit(scenes: list[Scene], options: argparse.Namespace) -> None:
+    """Both laws by least squares; writes data and page."""
+    found = {scene: read_json(options.results / scene.name / "ratio.json") for scene in scenes}
+    bulk = [(scene, found[scene]["ratio"]) for scene in scenes if scene.wall is None]
+    walls = [(scene, scene.wall, found[scene]["ratio"]) for scene in scenes if scene.wall is not None]
+
+    def law(values: list[float]) -> BulkFrictionLaw:
+        return BulkFrictionLaw(*(float(f"{value:.3g}") for value in values))
+
+    def misses(values: list[float]) -> list[float]:
+        one = BulkFrictionLaw(*values)
+        off = [one.internal(scene.friction, scene.rolling) - ratio for scene, ratio in bulk]
+        return off + [one.wall(contact, s.friction, s.rolling) - ratio for s, contact, ratio in walls]
+
+    start, most = [0.15, 0.35, 0.15, 0.1, 0.2, 0.2, 0.5], [0.4, 0.6, 1, 1, 1, 1, 5]
+    best = law(list(least_squares(misses, start, bounds=([0, 0.1, 0, 0.02, 0.02, 0.01, 0], most)).x))
+    off = [float(abs(value)) for value in misses(list(vars(best).values())[:7])]
+    scatter = [float(f"{np.sqrt(np.mean(np.square(part))):.2g}") for part in (off[: len(bulk)], off[len(bulk) :])]
+    names = list(vars(best))
+    data = dict(zip(names, [*list(vars(best).values())[:7], *scatter], strict=True))
+    rows = [
+        {"friction": s.friction, "rolling": s.rolling, "wall": s.wall, **{k: round(v, 4) for k, v in found[s].items()}}
+        for s in scenes
+    ]
+    write_json(options.data, {"made_by": "benchmarks/bulk_friction.py", "law": data, "runs": rows})
+    options.out.write_text(page(rows, BulkFrictionLaw(**data)))
+
+
+def page(rows: list[dict[str, float]], law: BulkFrictionLaw) -> str:
+    lines = [
+        "# Bulk friction from contact parameters",
+        "",
+        f"Made by `benchmarks/bulk_friction.py run` and `fit` on {datetime.now(UTC):%Y-%m-%d}.",
+        "",
+        f"A layer of particles {HEIGHT} diameters high (diameters ± {SPREAD:.0%}) is sheared between two rough plates, or",
+        "between a rough plate and a flat wall that slides, at a constant pressure of 1/2000 of Young's modulus. The",
+        "ratio of shear to normal stress is μ_i, or μ_w of the bulk on that wall; ± is the standard error of 8 blocks.",
+        "The laws stand in `granpipe/fluid/bulk_friction.py`, their coefficients in `bulk_friction.json`;",
+        f"measured and fitted differ by {law.scatter:.2g} (μ_i) and {law.wall_scatter:.2g} (μ_w), root mean square.",
+        "On a rough flat wall particles roll: the bulk's friction there is then less than that of the contacts.",
+        "",
+        "| μ | μ_r | μ on the wall | measured | law | pressure |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        mu, rolling, wall = row["friction"], row["rolling"], row["wall"]
+        fitted = law.internal(mu, rolling) if wall is None else law.wall(wall, mu, rolling)
+        place = "rough plate" if wall is None else f"{wall:g}"
+        measured = f"{row['ratio']:.3f} ± {row['error']:.3f}"
+        lines.append(f"| {mu:g} | {rolling:g} | {place} | {measured} | {fitted:.3f} | {row['pressure']:.2f} |")
+    return "\n".join([*lines, ""])
+
+
 if __name__ == "__main__":
     main()

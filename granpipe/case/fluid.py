@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from granpipe.case.units import LENGTH
 from granpipe.case.values import File, Group, OneOf, Quantity, Series, Whole, refuse
 
+Rheology = Literal["viscous", "frictional"]
 Walls = Literal["moving", "slip"]
 Solids = Literal["rest", "slip"]
 OutletProfile = Literal["developed", "uniform", "annular"]
@@ -18,6 +19,11 @@ _SIZE_FROM_ZERO = Quantity(LENGTH, at_least=0, at_most=1e4)
 class Fluid(Group):
     """The fictitious fluid."""
 
+    rheology: Annotated[Rheology, OneOf(Rheology)] = Field(
+        default="viscous",
+        description="The article's viscous fluid, whose walls move at a wall factor; or one with the friction of a bulk "
+        "solid, which makes stagnant zones and wall layers by itself and knows free surfaces.",
+    )
     order: Annotated[int, Whole(2, 4)] = Field(default=2, description="Polynomial order of the velocity.")
     walls: Annotated[Walls, OneOf(Walls)] = Field(
         default="moving", description="Walls drag the fluid along at their wall factor (moving), or let it slip freely."
@@ -45,6 +51,10 @@ class Fluid(Group):
 
     @model_validator(mode="after")
     def _consistent(self) -> Fluid:
+        if self.rheology == "frictional":
+            for key in ("order", "walls", "solids", "known_field"):
+                if key in self.model_fields_set and getattr(self, key) != type(self).model_fields[key].default:
+                    refuse("belongs to rheology: viscous; leave it out", (key,))
         if (self.outlet_profile == "annular") != (self.annulus is not None):
             refuse("must be given with outlet_profile: annular, and only there", ("annulus",))
         if self.annulus is not None and self.annulus[0] >= self.annulus[1]:

@@ -8,7 +8,6 @@ the velocity by less than `CONVERGED`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -86,7 +85,7 @@ def solve_friction(
         state = anderson.next(state, image)
     raise SolveError(
         f"the frictional fluid did not converge: after {MOST_STEPS} steps one still changes the velocity by "
-        f"{change:.2g}, and {tolerance:g} is asked for; a larger fluid.regularization converges more easily"
+        f"{change:.2g}, and {tolerance:g} is asked for; use particles (model: dem), or rheology: viscous"
     )
 
 
@@ -201,6 +200,3 @@ class _Levels:
     def rate(self, z: Array) -> Array:
         """U/R."""
         return self.speed(z) / self.radius(z)
-
-
-def _unused() -> Any: ...

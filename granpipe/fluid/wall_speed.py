@@ -103,9 +103,9 @@ def boundary_data(mesh: RZMesh, law: WallLaw, flow: float, along: Array) -> Boun
     velocity, out = np.zeros((len(role), len(along), 2)), np.zeros(len(role))
     moving, inlet, outlet = (np.flatnonzero(role == name) for name in ("moving", "inlet", "outlet"))
     velocity[moving] = _wall_velocity(mesh, moving, law, flow, along)
-    velocity[inlet], out[inlet] = _plug(mesh, inlet, -flow, (0.0, np.inf), along)
+    velocity[inlet], out[inlet] = outflow(mesh, inlet, -flow, (0.0, np.inf), along)
     if len(outlet):
-        velocity[outlet], out[outlet] = _plug(mesh, outlet, flow, law.outlet_radii, along)
+        velocity[outlet], out[outlet] = outflow(mesh, outlet, flow, law.outlet_radii, along)
     return BoundaryData(along, velocity, role != "open", ~np.isin(role, ["open", "axis", "slip"]), out)
 
 
@@ -136,7 +136,7 @@ def _factor(law: WallLaw, section: str, half_angle: float) -> float:
     return wall_factor_law().factor(half_angle, law.friction) if given is None else given
 
 
-def _plug(mesh: RZMesh, edges: Index, out: float, radii: tuple[float, float], along: Array) -> tuple[Array, Array]:
+def outflow(mesh: RZMesh, edges: Index, out: float, radii: tuple[float, float], along: Array) -> tuple[Array, Array]:
     """Velocity (e, n, 2) and outward flow (e,) of level edges where the flow `out` leaves at one speed.
 
     It leaves between the two radii only; an edge that one of them cuts gets its share of the flow.

@@ -202,6 +202,29 @@ RESIDUAL = Limit(
     "At most 6e-14 was measured; above 1e-8 there is no result.",
     high=1e-10,
 )
+TENSION = Limit(
+    "part of a frictional fluid that would have to pull",
+    FLUID,
+    "Where the pressure is not positive the solids come apart: a free surface or an arch that the fluid does not know.",
+    high=0.05,
+    percent=True,
+    remedy="use particles there: model: dem or hybrid",
+)
+REGULARIZATION = Limit(
+    "change of a frictional fluid's field with twice the regularization",
+    FLUID,
+    "Slow shear is viscous below a regularization of 0.03 U/R; the field must not depend on it.",
+    high=0.02,
+    percent=True,
+    remedy="use particles: model: dem",
+)
+FEWEST_DIAMETERS = Limit(
+    "narrowest opening of a frictional fluid, in particle diameters",
+    FLUID,
+    "Narrower openings flow in jerks, which a steady fluid does not know; the fluid was compared with DEM from 10 on.",
+    low=8,
+    remedy="use particles: model: dem",
+)
 CONSERVED = Limit(
     "flow through the worst level, deviation from the flow asked for",
     FLUID,

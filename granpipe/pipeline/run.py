@@ -165,6 +165,10 @@ def _dem(plan: Plan, context: Context) -> ModelResult:
 
 
 def _fluid(plan: Plan, context: Context) -> ModelResult:
+    if plan.friction is not None:
+        from granpipe.pipeline.frictional_field import frictional_field
+
+        return frictional_field(plan, plan.friction)
     from granpipe.pipeline.fluid_field import fluid_field
 
     context.progress.stage("fluid")

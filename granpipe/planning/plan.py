@@ -12,10 +12,12 @@ from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, 
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError, MeshError
 from granpipe.field import Grid
+from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
 from granpipe.planning.doubts import doubts, size_hint, unit_hint
+from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
 from granpipe.planning.flow import check_flow_rate
 from granpipe.planning.sections import section_needs, section_ranges
 from granpipe.planning.submodel import Span, spans, sub_case
@@ -42,6 +44,14 @@ LEAST_SEGMENTS = 4
 
 FLUID_SECONDS = 3.0
 """Meshing and solving for the fictitious fluid, start-up included."""
+
+FRICTION_SECONDS = 15.0
+"""A frictional fluid, solved four times for its sensitivity."""
+
+FRICTION_NOTE = (
+    "a frictional fluid knows no arching, no intermittency and no history of filling; docs/validation/friction_fluid.md "
+    "tells its error against DEM"
+)
 
 OUTLET_NOTE = "within one diameter of the outlet the field depends on the profile that fluid.outlet_profile prescribes"
 
@@ -71,6 +81,7 @@ class Plan:
     decisions : settings with their criteria; their warnings and breaches are in `warnings` and `breaches`
     unfit : sections that a fluid does not describe, and why, where the case asks for a fluid all the same
     wall_factors : those of the hoppers that a fluid describes, and the error to be expected there
+    friction : what a frictional fluid goes by; None for other models
     particle_steps : cost of DEM, filling included
     seconds, disk_bytes : forecasts for this machine's cores, LIGGGHTS running alone
     """
@@ -91,6 +102,7 @@ class Plan:
     disk_bytes: float
     unfit: tuple[str, ...] = ()
     wall_factors: tuple[Decision, ...] = ()
+    friction: BulkFriction | None = None
 
     @property
     def dem(self) -> Settings:
@@ -181,6 +193,8 @@ class _Scene:
     def _fluid(self) -> Plan:
         self._check_density()
         through = self._fluid_openings()
+        if self.case.fluid.rheology == "frictional":
+            return self._frictional(through)
         notes = [*check_flow_rate(self.case, self.outline, through), *self._narrow(through)]
         unfit, doubts = self._unfit(self.needs)
         why = "the case asks for it" if unfit or doubts else "every section is straight or a mass-flow hopper"
@@ -195,6 +209,20 @@ class _Scene:
         plan = self._made("fluid", self._grid(self._opening_cell()), stages, left, notes=notes, seconds=FLUID_SECONDS)
         factors = wall_factor_decisions(self.case, self.outline, section_ranges(self.case, self.outline))
         return replace(plan, unfit=tuple(unfit), wall_factors=tuple(factors))
+
+    def _frictional(self, through: tuple[Opening, ...]) -> Plan:
+        """A fluid with friction describes every section: funnels, heaps and surfaces come out of it."""
+        case, friction = self.case, bulk_friction(self.case)
+        voids(self.outline, friction.repose)
+        notes = [*check_flow_rate(case, self.outline, through), *self._narrow(through), FRICTION_NOTE]
+        stages = [Stage("fluid", "the case asks for a fluid with friction: cut free surfaces, mesh, iterate")]
+        left = [Stage("DEM run", "the case asks for a fluid"), Stage("averaging", "there are no particles")]
+        if "vessel" in case.figures:
+            left.append(Stage("3-D picture", "there are no particles to show"))
+        left += self._left_out_fields("there are no particles")
+        grid = self._grid(self._opening_cell())
+        plan = self._made("fluid", grid, [*stages, self._results("fluid")], left, notes=notes, seconds=FRICTION_SECONDS)
+        return replace(plan, friction=friction)
 
     def _check_density(self) -> None:
         """CaseError unless the case tells what the fluid weighs: nothing else does without particles."""
@@ -322,6 +350,8 @@ class _Scene:
                 "add one, or set model: dem",
                 ("outline", "sections"),
             )
+        if case.fluid.rheology == "frictional":
+            raise CaseError("a hybrid follows with the viscous fluid only; leave it out", ("fluid", "rheology"))
         rest = {n: one for n, one in section_ranges(case, self.outline).items() if not self.needs[n].dem}
         unfit, doubts = self._unfit(rest)
         through = self._fluid_openings()

@@ -21,6 +21,8 @@ def plan_text(plan: Plan, others: dict[Model, Plan | CaseError], rates: Rates | 
     lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.left_out]
     rows, columns = plan.grid.shape
     lines += ["", f"grid  {rows} × {columns} cells of {plan.grid.cell:.4g} m", ""]
+    if plan.friction:
+        lines += ["fluid", *_decision_lines(tuple(plan.friction.decisions())), ""]
     if plan.wall_factors:
         lines += ["fluid", *_decision_lines(plan.wall_factors), ""]
     for title, part in _dem_runs(plan):

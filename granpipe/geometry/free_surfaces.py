@@ -1,0 +1,108 @@
+"""Voids that solids leave below overhangs: bounded by surfaces at the angle of repose.
+
+A void lies below every underside of wall or obstacle that is flatter than the angle of repose: the surface starts at the
+edge from which the solids come, falls away from it, and ends where it meets another wall, the axis or the surface from
+the underside's other edge. In r–z such surfaces are cones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import atan2, tan
+from typing import Any
+
+import numpy as np
+
+from granpipe.errors import CaseError
+from granpipe.field import Array
+from granpipe.geometry.outline import Outline
+
+
+@dataclass(frozen=True)
+class _Underside:
+    """Edges that face downwards, from the axis outwards; whether solids pass by its inner and its outer end."""
+
+    points: Array
+    open_inside: bool
+    open_outside: bool
+
+
+def voids(outline: Outline, angle: float) -> list[Array]:
+    """Voids in the vessel as closed polygons (n, 2) [m], for surfaces at an angle from the horizontal [rad].
+
+    CaseError where a surface would reach the outlet: the solids there do not fill the vessel.
+    """
+    import shapely
+
+    chains = [*_undersides(outline, angle)]
+    if not chains:
+        return []
+    (top, bottom), low = outline.wall[[0, -1], 1], outline.z_bottom
+    free = shapely.Polygon([(0, top), *outline.wall, (0, bottom)])
+    free = free.difference(shapely.union_all([shapely.Polygon(p) for p in outline.obstacles.values()]))
+    parts: list[Any] = []
+    for chain in chains:
+        region = free.intersection(shapely.Polygon(_below(chain, angle, outline)))
+        own = shapely.LineString(chain.points)
+        parts += [p for p in shapely.get_parts(region) if p.distance(own) <= outline.tolerance and p.area > 0]
+    whole = shapely.union_all(parts)
+    found = [part for part in shapely.get_parts(whole) if part.area > outline.tolerance * outline.r_max]
+    for part in found:
+        if part.bounds[1] <= low + outline.tolerance:
+            raise CaseError(
+                f"the free surface that starts at z = {part.bounds[3]:.4g} m, {np.degrees(angle):.0f}° from the "
+                f"horizontal, reaches the outlet at z = {low:.4g} m: the solids do not fill the vessel; lengthen it "
+                "below the widening, or use particles (model: dem)",
+                ("outline", "wall"),
+            )
+    return [np.array(part.exterior.coords)[:-1] for part in found]
+
+
+def _undersides(outline: Outline, angle: float) -> Iterator[_Underside]:
+    yield from _chains(outline.wall, False, angle, lambda one: (True, False))
+
+    def ends(points: Array) -> tuple[bool, bool]:
+        at_axis = points[0, 0] <= outline.tolerance
+        at_wall = points[-1, 0] >= float(outline.wall_radius(points[-1, 1])) - outline.tolerance
+        return not at_axis, not at_wall
+
+    for polygon in outline.obstacles.values():
+        yield from _chains(polygon, True, angle, ends)
+
+
+def _chains(points: Array, closed: bool, angle: float, ends: Any) -> Iterator[_Underside]:
+    """Runs of flat edges that face downwards: solid lies to the left of an edge, so those that go outwards."""
+    line = np.vstack([points, points[:1]]) if closed else points
+    step = np.diff(line, axis=0)
+    flat = [dr > 0 and atan2(abs(dz), dr) < angle for dr, dz in step]
+    if closed and all(flat):
+        return
+    count = len(step)
+    for start in range(count):
+        if not flat[start] or (flat[start - 1] if start or closed else False):
+            continue
+        end = start
+        while flat[end % count] and (closed or end < count):
+            end += 1
+            if not closed and end == count:
+                break
+        chain = line[[i % count if closed else i for i in range(start, end + 1)]]
+        inside, outside = ends(chain)
+        if closed:  # solid that goes on downwards closes an end
+            inside &= step[start - 1][1] < 0
+            outside &= step[end % count][1] > 0
+        if inside or outside:
+            yield _Underside(chain, bool(inside), bool(outside))
+
+
+def _below(chain: _Underside, angle: float, outline: Outline) -> Array:
+    """The region below an underside and above the surfaces that start at its open ends (n, 2)."""
+    (r0, z0), (r1, z1) = chain.points[0], chain.points[-1]
+    steep, far = tan(angle), outline.r_max + outline.z_top - outline.z_bottom
+    if chain.open_inside and chain.open_outside:
+        r = 0.5 * (r0 + r1) + 0.5 * (z0 - z1) / steep
+        return np.vstack([chain.points, [[r, z0 - steep * (r - r0)]]])
+    if chain.open_inside:
+        return np.vstack([chain.points, [[far, z1], [far, z0 - steep * (far - r0)]]])
+    return np.vstack([chain.points, [[r1 - far, z1 - steep * far], [r1 - far, z0]]])

@@ -1,0 +1,140 @@
+"""The route of the frictional fluid: outline → free surfaces → mesh → fixed point → ψ → field, and its sensitivity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from granpipe.dem.sizes import size_classes
+from granpipe.field import Array, Field, Mask, cell_squares
+from granpipe.fluid.fictitious import FluidSolution, to_field
+from granpipe.fluid.friction_law import LENGTH, FrictionLaw
+from granpipe.fluid.frictional import FrictionSolution
+from granpipe.fluid.frictional_vessel import SURFACE, Outlet, solve_frictional
+from granpipe.fluid.volume_average import WIDTH, volume_averaged
+from granpipe.geometry.free_surfaces import voids
+from granpipe.geometry.openings import find_openings
+from granpipe.geometry.section import mesh_section
+from granpipe.pipeline.fluid_field import fluid_gates, solve_figures
+from granpipe.pipeline.gates import FEWEST_DIAMETERS, REGULARIZATION, TENSION, breach_gates
+from granpipe.pipeline.model_result import ModelResult
+from granpipe.planning.bulk_friction import BulkFriction
+from granpipe.planning.flow import target_flow
+from granpipe.planning.plan import Plan
+from granpipe.rzmesh import RZMesh
+
+RESERVOIR, PIPE = 1.0, 2.0
+"""The vessel goes on straight above its inlet and below its outlet by this many radii, as that of a DEM run does."""
+
+CELLS_ACROSS, CORNER_REFINEMENT = 14.0, 3.0
+
+WALL_CHANGE, ANGLE_CHANGE = 1.2, np.radians(5)
+"""For the sensitivity: factor of the wall friction, and what is added to the angle of surfaces."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A frictional fluid and its field on the grid of the plan."""
+
+    field: Field
+    solution: FluidSolution
+    friction: FrictionSolution
+
+
+def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
+    """Solve for the flow rate of the case, and again with other wall friction, surfaces and regularization.
+
+    Standard errors of the field are what the first two change.
+    """
+    solved = solve_plan(plan, friction)
+    field = solved.field
+    changed = {"wall friction + 20 %": replace(friction, wall=min(friction.wall * WALL_CHANGE, friction.internal))}
+    if friction.wall * WALL_CHANGE > friction.internal:
+        changed = {"wall friction − 20 %": replace(friction, wall=friction.wall / WALL_CHANGE)}
+    if voids(plan.outline, friction.repose):
+        changed["angle of surfaces − 5°"] = replace(friction, repose=friction.repose - ANGLE_CHANGE)
+    others = {name: solve_plan(plan, one).field for name, one in changed.items()}
+    twice = solve_plan(plan, friction, 2 * FrictionLaw.regularization).field
+    sensitivity = {name: difference(field, other) for name, other in others.items()}
+    dependence = difference(field, twice)
+    field = replace(
+        field,
+        flux_r_se=_spread([field.flux_r, *(one.flux_r for one in others.values())]),
+        flux_z_se=_spread([field.flux_z, *(one.flux_z for one in others.values())]),
+    )
+    classes = size_classes(plan.case.material.size)
+    narrowest = min(opening.gap for opening in find_openings(plan.outline)) / classes.sauter_diameter
+    gates = (
+        *fluid_gates(plan, field, solved.solution),
+        TENSION.gate(solved.friction.tension),
+        REGULARIZATION.gate(dependence),
+        FEWEST_DIAMETERS.gate(narrowest),
+        *breach_gates(plan.breaches),
+    )
+    figures = solve_figures(solved.solution) | {
+        "steps": solved.friction.steps,
+        "change_in_last_step": solved.friction.change,
+        "sensitivity": sensitivity,
+        "regularization": dependence,
+    }
+    notes = tuple(f"{one.name} = {one.value}: {one.criterion}" for one in friction.decisions())
+    notes += tuple(f"{name} changes the field by {value:.1%}" for name, value in sensitivity.items())
+    return ModelResult(field=field, gates=gates, figures=figures, solution=solved.solution, notes=notes)
+
+
+def solve_plan(plan: Plan, friction: BulkFriction, regularization: float = FrictionLaw.regularization) -> Solved:
+    """The fluid of a plan with some friction; what is void is not bulk."""
+    case = plan.case
+    packing = case.material.packing
+    assert packing is not None  # the plan of a fluid refuses a case without bulk density
+    diameter = size_classes(case.material.size).sauter_diameter
+    law = FrictionLaw(friction.internal, friction.wall, LENGTH * diameter, regularization)
+    empty = voids(plan.outline, friction.repose)
+    solution, found = solve_frictional(friction_mesh(plan, empty), law, target_flow(case, packing), _outlet(plan))
+    inside = plan.outline.inside_fraction(plan.grid)
+    field = volume_averaged(to_field(solution, plan.grid, inside, packing), WIDTH * diameter)
+    return Solved(replace(field, bulk=field.bulk & ~_in_any(empty, plan)), solution, found)
+
+
+def friction_mesh(plan: Plan, empty: list[Array]) -> RZMesh:
+    """Mesh of the vessel without its voids, with a straight pipe above, and below where a plate moves down in one."""
+    wall = plan.outline.wall
+    (r_in, z_in), (r_out, z_out) = wall[0], wall[-1]
+    below = [[r_out, z_out - PIPE * r_out]] if _outlet(plan) == Outlet() else []
+    longer = np.array([[r_in, z_in + RESERVOIR * r_in], *wall, *below])
+    surfaces = {f"{SURFACE} {i}": polygon for i, polygon in enumerate(empty, start=1)}
+    return mesh_section(
+        longer,
+        dict(plan.outline.obstacles) | surfaces,
+        plan.case.outline.levels,
+        cells_across=CELLS_ACROSS,
+        corner_refinement=CORNER_REFINEMENT,
+        outlet_radii=plan.case.fluid.annulus or (),
+    )
+
+
+def difference(one: Field, other: Field) -> float:
+    """E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells of both."""
+    weight = np.where(one.bulk & other.bulk, one.grid.ring_area, 0.0)
+    apart = cell_squares(one.flux_r - other.flux_r, one.flux_z - other.flux_z)
+    return float(np.sqrt((weight * apart).sum() / (weight * cell_squares(one.flux_r, one.flux_z)).sum()))
+
+
+def _outlet(plan: Plan) -> Outlet:
+    fluid = plan.case.fluid
+    if fluid.annulus is not None:
+        return Outlet("plate", fluid.annulus)
+    return Outlet("open" if plan.case.dem.outlet == "open" and fluid.outlet_profile == "developed" else "plate")
+
+
+def _in_any(polygons: list[Array], plan: Plan) -> Mask:
+    """(nz, nr) cells whose middle lies in a void."""
+    import shapely
+
+    r, z = np.meshgrid(plan.grid.r_centres, plan.grid.z_centres)
+    return np.asarray(shapely.contains_xy(shapely.union_all([shapely.Polygon(p) for p in polygons]), r, z))
+
+
+def _spread(fluxes: list[Array]) -> Array:
+    return np.asarray(np.sqrt(sum((other - fluxes[0]) ** 2 for other in fluxes[1:])))
