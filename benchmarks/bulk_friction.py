@@ -2,9 +2,9 @@
 
 `run` shears a layer 12 particles high between two rough plates of frozen particles under constant pressure (`bulk`), or
 between a rough plate and a flat wall that slides below it (`wall`); both directions along the plates are periodic. The
-upper plate moves up and down so that its pressure stays constant. `fit` fits the laws of granpipe/fluid/bulk_friction.py
-to the ratios of shear to normal stress, and writes granpipe/fluid/bulk_friction.json and
-docs/validation/bulk_friction.md.
+upper plate moves up and down so that its pressure stays constant. `fit` fits the laws of
+granpipe/fluid/bulk_friction.py to the ratios of shear to normal stress, and writes granpipe/fluid/bulk_friction.json
+and docs/validation/bulk_friction.md.
 
 Units of the runs: mean diameter, particle density and pressure are 1. Young's modulus is 2000 pressures, the inertial
 number about 0.006. The stresses are those on the upper plate, from half the sliding on.
@@ -90,9 +90,16 @@ def run(scene: Scene, folder: Path) -> None:
         subprocess.run(["liggghts", "-in", "in.txt"], cwd=folder, stdout=screen, check=True)
     step, shear, normal, height = np.loadtxt(folder / "stress.txt").T
     late = step * TIME_STEP * SPEED > 0.5 * SLIDING
-    blocks = [np.sum(s) / np.sum(n) for s, n in zip(*(np.array_split(a[late], 8) for a in (shear, normal)), strict=True)]
+    blocks = [
+        np.sum(s) / np.sum(n) for s, n in zip(*(np.array_split(a[late], 8) for a in (shear, normal)), strict=True)
+    ]
     ratio, error = float(np.mean(blocks)), float(np.std(blocks, ddof=1) / np.sqrt(len(blocks)))
-    found = {"ratio": ratio, "error": error, "pressure": float(normal[late].mean()), "height": float(height[late].mean())}
+    found = {
+        "ratio": ratio,
+        "error": error,
+        "pressure": float(normal[late].mean()),
+        "height": float(height[late].mean()),
+    }
     write_json(folder / "ratio.json", found)
     print(scene.name, found, flush=True)
 
@@ -211,8 +218,8 @@ def page(rows: list[dict[str, float]], law: BulkFrictionLaw) -> str:
         "",
         f"Made by `benchmarks/bulk_friction.py run` and `fit` on {datetime.now(UTC):%Y-%m-%d}.",
         "",
-        f"A layer of particles {HEIGHT} diameters high (diameters ± {SPREAD:.0%}) is sheared between two rough plates, or",
-        "between a rough plate and a flat wall that slides, at a constant pressure of 1/2000 of Young's modulus. The",
+        f"A layer of particles {HEIGHT} diameters high (diameters ± {SPREAD:.0%}) is sheared between two rough plates,",
+        "or between a rough plate and a flat wall that slides, at constant pressure of 1/2000 of Young's modulus. The",
         "ratio of shear to normal stress is μ_i, or μ_w of the bulk on that wall; ± is the standard error of 8 blocks.",
         "The laws stand in `granpipe/fluid/bulk_friction.py`, their coefficients in `bulk_friction.json`;",
         f"measured and fitted differ by {law.scatter:.2g} (μ_i) and {law.wall_scatter:.2g} (μ_w), root mean square.",

@@ -21,8 +21,8 @@ class Fluid(Group):
 
     rheology: Annotated[Rheology, OneOf(Rheology)] = Field(
         default="viscous",
-        description="The article's viscous fluid, whose walls move at a wall factor; or one with the friction of a bulk "
-        "solid, which makes stagnant zones and wall layers by itself and knows free surfaces.",
+        description="The article's viscous fluid, whose walls move at a wall factor; or one with the friction of a "
+        "bulk solid, which makes stagnant zones and wall layers by itself and knows free surfaces.",
     )
     order: Annotated[int, Whole(2, 4)] = Field(default=2, description="Polynomial order of the velocity.")
     walls: Annotated[Walls, OneOf(Walls)] = Field(

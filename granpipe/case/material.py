@@ -180,7 +180,8 @@ class Material(Group):
         default=None, description="Angle of friction of the bulk on the wall (shear test), for Jenike's limit."
     )
     repose_angle: Annotated[float | None, Quantity(ANGLE, above=0, below=math.pi / 2)] = Field(
-        default=None, description="Angle of repose of free surfaces, for a frictional fluid. Unless given, from friction."
+        default=None,
+        description="Angle of repose of free surfaces, for a frictional fluid. Unless given, from friction.",
     )
     size: Size = Field(description="Particle sizes; say whether radius or diameter.")
 

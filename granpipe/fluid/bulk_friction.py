@@ -1,8 +1,8 @@
 """From contact to bulk: friction of the bulk and of the bulk on a wall, from the contact parameters.
 
-Laws fit to a virtual shear cell of LIGGGHTS runs (`benchmarks/bulk_friction.py`, ``bulk_friction.json``). Friction of the
-bulk grows with that of the contacts and levels off; rolling friction adds to it. On a flat wall particles slide with the
-friction of the contact up to where they roll instead; no wall rubs more than the bulk itself.
+Laws fit to a virtual shear cell of LIGGGHTS runs (`benchmarks/bulk_friction.py`, ``bulk_friction.json``). Friction of
+the bulk grows with that of the contacts and levels off; rolling friction adds to it. On a flat wall particles slide
+with the friction of the contact up to where they roll instead; no wall rubs more than the bulk itself.
 
     μ_i = μ₀ + (μ_∞ − μ₀ + a (1 − e^(−μ_r/ρ))) (1 − e^(−μ/m)),   μ_w = min(μ_c, c + b μ_r, μ_i)
 """

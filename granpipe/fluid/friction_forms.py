@@ -83,7 +83,8 @@ class FrictionForms:
     def volume(self) -> Array:
         """(N,) share of each node in the volume over 2π: a lumped mass of vertices and edges, all positive."""
         total = self.weight.sum(axis=1) / 6
-        return np.bincount(self.space.basis.element_dofs.ravel(), np.tile(total, 6), minlength=self.space.size)
+        dofs = self.space.basis.element_dofs.ravel()
+        return np.bincount(dofs, np.tile(total, 6), minlength=self.space.size).astype(float)
 
     # --- walls --------------------------------------------------------------------------------------------------------
 
@@ -146,7 +147,7 @@ class FrictionForms:
 
     def _loads(self, values: Array) -> Array:
         load = np.einsum("eq,ieq->ei", self.weight * values, self._corner_shape)
-        return np.bincount(self.corners.ravel(), load.ravel(), minlength=self.pressure.size)
+        return np.bincount(self.corners.ravel(), load.ravel(), minlength=self.pressure.size).astype(float)
 
     def spread_rate(self, factors: Any, velocity: Array) -> Array:
         """(M,) γ̃ of a velocity, its sliding along the walls included."""

@@ -1,14 +1,14 @@
 """The friction law of a frictional fluid: its parameters, its viscosity and the friction of its walls.
 
 The stress of flowing grains is −p + η (∇u + ∇uᵀ) with the viscosity of friction η = μ P/γ̃: in simple shear the shear
-stress is μ P, whatever the speed (Jop, Forterre & Pouliquen, Nature 441 (2006) 727, in the quasi-static limit). γ̃ is the
-rate of shear spread over a length ℓ of about the particle size,
+stress is μ P, whatever the speed (Jop, Forterre & Pouliquen, Nature 441 (2006) 727, in the quasi-static limit). γ̃ is
+the rate of shear spread over a length ℓ of about the particle size,
 
     γ̃ − ℓ² ∇²γ̃ = γ̇ + |u_slip| δ_wall,   γ̇ = √(2 D:D)
 
 (a gradient theory as Bouzid et al., Phys. Rev. Lett. 111 (2013) 238301, and Kamrin & Koval, ibid. 108 (2012) 178301,
-give for the fluidity). Walls rub with τ = μ_w P against the sliding. Nothing in it has a time of its own: the field does
-not depend on the flow rate, on gravity or on the density.
+give for the fluidity). Walls rub with τ = μ_w P against the sliding. Nothing in it has a time of its own: the field
+does not depend on the flow rate, on gravity or on the density.
 """
 
 from __future__ import annotations

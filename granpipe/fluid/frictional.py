@@ -31,7 +31,7 @@ FIRST_REGULARIZATION, FALL = 0.3, 0.6
 """The regularization starts at 0.3 U/R and falls by this factor a step."""
 
 RELAXATION = 0.7
-MOST_STEPS = 300
+MOST_STEPS = 150
 QUADRATURE = 4
 _PIVOT_SHIFT = 1e-13  # of ∫ r q², over the mean viscosity
 

@@ -1,4 +1,4 @@
-"""A frictional fluid in a vessel: boundary data for its walls, surfaces and outlet, and the flow as a stream function."""
+"""A frictional fluid in a vessel: boundary data for walls, surfaces and outlet, and the stream function."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ALONG = np.array([0.0, 0.5, 1.0])
 
 @dataclass(frozen=True)
 class Outlet:
-    """How the solids leave: on a `plate` or through a hole that is `open`; between two radii [m], 0 and inf: all of it."""
+    """How the solids leave: on a `plate` or through an `open` hole; between two radii [m], 0 and inf: all of it."""
 
     kind: Literal["plate", "open"] = "plate"
     radii: tuple[float, float] = (0.0, np.inf)
@@ -35,10 +35,10 @@ class Outlet:
 def solve_frictional(
     mesh: RZMesh, law: FrictionLaw, flow: float, outlet: Outlet, tolerance: float = CONVERGED
 ) -> tuple[FluidSolution, FrictionSolution]:
-    """Solve for a flow Φ [m³/s, positive downwards]; the solids enter freely at the inlet, which should lie high enough.
+    """Solve for a flow Φ [m³/s, positive downwards]; the solids enter freely at an inlet that lies high enough.
 
-    The problem has no time and no weight of its own: it is solved for unit flow and unit weight in units of the outlet's
-    radius. `law.length` is in metres.
+    The problem has no time and no weight of its own: it is solved for unit flow and unit weight in units of the
+    outlet's radius. `law.length` is in metres.
 
     Raises
     ------

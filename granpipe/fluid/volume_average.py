@@ -8,9 +8,8 @@ import numpy as np
 
 from granpipe.field import Array, Field, flux_from_psi
 
-WIDTH = 0.4
-"""Standard deviation of the average over the particle size: that of a sphere's volume along one axis is 0.22 d, and a
-sphere keeps half its size from a wall."""
+WIDTH = 0.22
+"""Standard deviation of the average over the particle size: that of a sphere's volume along one axis, 1/√20."""
 
 
 def volume_averaged(field: Field, width: float) -> Field:

@@ -1,8 +1,8 @@
 """Voids that solids leave below overhangs: bounded by surfaces at the angle of repose.
 
-A void lies below every underside of wall or obstacle that is flatter than the angle of repose: the surface starts at the
-edge from which the solids come, falls away from it, and ends where it meets another wall, the axis or the surface from
-the underside's other edge. In r–z such surfaces are cones.
+A void lies below every underside of wall or obstacle that is flatter than the angle of repose: the surface starts at
+the edge from which the solids come, falls away from it, and ends where it meets another wall, the axis or the surface
+from the underside's other edge. In r–z such surfaces are cones.
 """
 
 from __future__ import annotations

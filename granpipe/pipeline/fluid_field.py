@@ -84,11 +84,15 @@ def fluid_gates(
     ----------
     followed : lower and upper ends of what a hybrid follows [m], where the fluid has no say
     """
+    return [PEAK.gate(_peak(plan, field, followed)), *flow_gates(plan, field, solution)]
+
+
+def flow_gates(plan: Plan, field: Field, solution: FluidSolution) -> list[Gate]:
+    """The gates of every fluid: upward flow, clean-up by ψ, the linear system, conservation, cells."""
     flow = field.bulk_flow * field.bulk_packing
     carried = level_flow(field.flux_z, field.grid) / flow
     return [
         upward_gate(field),
-        PEAK.gate(_peak(plan, field, followed)),
         CLEAN_UP.gate(solution.correction),
         RESIDUAL.gate(solution.residual),
         CONSERVED.gate(float(np.abs(carried - 1).max())),

@@ -16,7 +16,7 @@ from granpipe.fluid.volume_average import WIDTH, volume_averaged
 from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.section import mesh_section
-from granpipe.pipeline.fluid_field import fluid_gates, solve_figures
+from granpipe.pipeline.fluid_field import flow_gates, solve_figures
 from granpipe.pipeline.gates import FEWEST_DIAMETERS, REGULARIZATION, TENSION, breach_gates
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.bulk_friction import BulkFriction
@@ -66,7 +66,7 @@ def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
     classes = size_classes(plan.case.material.size)
     narrowest = min(opening.gap for opening in find_openings(plan.outline)) / classes.sauter_diameter
     gates = (
-        *fluid_gates(plan, field, solved.solution),
+        *flow_gates(plan, field, solved.solution),
         TENSION.gate(solved.friction.tension),
         REGULARIZATION.gate(dependence),
         FEWEST_DIAMETERS.gate(narrowest),

@@ -49,8 +49,8 @@ FRICTION_SECONDS = 15.0
 """A frictional fluid, solved four times for its sensitivity."""
 
 FRICTION_NOTE = (
-    "a frictional fluid knows no arching, no intermittency and no history of filling; docs/validation/friction_fluid.md "
-    "tells its error against DEM"
+    "a frictional fluid knows no arching, no intermittency and no history of filling; its error against DEM stands in "
+    "docs/validation/friction_fluid.md"
 )
 
 OUTLET_NOTE = "within one diameter of the outlet the field depends on the profile that fluid.outlet_profile prescribes"

@@ -1,0 +1,215 @@
+"""Error of the frictional fluid against DEM, section by section, beside the viscous fluid and the kinematic model.
+
+`pack` makes the small references of results of DEM runs (the cones of benchmarks/wall_factor.py, cases/reactor.yaml):
+benchmarks/references/friction/. `page` solves for each reference, with parameters by the law of contact and bulk, none
+fitted to it, and writes docs/validation/friction_fluid.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from granpipe.analysis.compare import compare
+from granpipe.case.reader import read_case
+from granpipe.dem.sizes import size_classes
+from granpipe.errors import GranpipeError
+from granpipe.field import Field, Grid, flux_from_psi
+from granpipe.fluid.fictitious import solve_fluid, to_field
+from granpipe.pipeline.fluid_field import section_mesh, wall_law
+from granpipe.pipeline.frictional_field import solve_plan
+from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
+from granpipe.planning.flow import target_flow
+from granpipe.planning.plan import Plan, make_plan
+
+HERE = Path(__file__).resolve().parent
+SPREADING = 0.5  # length of the kinematic model over the particle size (Nedderman & Tüzün 1979; 1–3 d, best here)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A DEM field, its plan as a frictional fluid on the same grid, and its noise in each section."""
+
+    name: str
+    plan: Plan
+    field: Field
+    noise: dict[str, float]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=["pack", "page"])
+    parser.add_argument(
+        "results", type=Path, nargs="*", help="pack: folders <name> of results, with <name>.yaml beside"
+    )
+    parser.add_argument("--only", nargs="*", default=[], help="page: names of references")
+    parser.add_argument("--references", type=Path, default=HERE / "references" / "friction")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation" / "friction_fluid.md")
+    options = parser.parse_args()
+    if options.what == "pack":
+        options.references.mkdir(parents=True, exist_ok=True)
+        for folder in options.results:
+            pack(folder, options.references)
+        return
+    names = sorted(path.stem for path in options.references.glob("*.npz"))
+    chosen = [name for name in names if not options.only or name in options.only]
+    rows = [row for name in chosen for row in measure(load(options.references, name))]
+    options.out.write_text(page(rows))
+
+
+def pack(folder: Path, references: Path) -> None:
+    """ψ in single precision, the bulk as bits, the noise of each section; and the case with a bulk density."""
+    field, case = Field.load(folder / "field.npz"), yaml.safe_load(folder.with_suffix(".yaml").read_text())
+    plan = make_plan(read_case(folder.with_suffix(".yaml")).case)
+    assert field.psi is not None
+    found = compare(field, field, plan.case.outline.levels, plan.dem.classes.sauter_diameter)
+    noise = {one.name: one.noise / np.sqrt(2) for one in found}  # both fields count
+    np.savez_compressed(
+        references / folder.name,
+        psi=field.psi.astype(np.float32),
+        bulk=np.packbits(field.bulk),
+        r_edges=field.grid.r_edges,
+        z_edges=field.grid.z_edges,
+        scalars=[field.bulk_flow, field.bulk_packing, field.flow_scale],
+        noise=list(noise.values()),
+        sections=list(noise),
+    )
+    density = plan.case.material.density * field.bulk_packing
+    case["material"]["bulk_density"] = f"{density:.4g} kg/m^3"
+    case |= {"model": "fluid", "fluid": {"rheology": "frictional"}, "export": [], "figures": []}
+    (references / f"{folder.name}.yaml").write_text(yaml.safe_dump(case, sort_keys=False))
+
+
+def load(references: Path, name: str) -> Reference:
+    data = np.load(references / f"{name}.npz")
+    grid = Grid(data["r_edges"], data["z_edges"])
+    plan = replace(make_plan(read_case(references / f"{name}.yaml").case), grid=grid)
+    psi = data["psi"].astype(float)
+    flux_r, flux_z = flux_from_psi(psi, grid)
+    bulk = np.unpackbits(data["bulk"], count=grid.shape[0] * grid.shape[1]).reshape(grid.shape).astype(bool)
+    flow, packing, scale = (float(value) for value in data["scalars"])
+    inside = plan.outline.inside_fraction(grid)
+    field = Field(grid, inside, bulk, flux_r, flux_z, flow, packing, scale, psi=psi)
+    return Reference(name, plan, field, dict(zip(data["sections"].tolist(), data["noise"].tolist(), strict=True)))
+
+
+def measure(reference: Reference) -> Iterator[dict[str, object]]:
+    """One row for each model."""
+    plan = reference.plan
+    friction = bulk_friction(plan.case)
+    models: dict[str, Callable[[], Field]] = {
+        "frictional": lambda: solve_plan(plan, friction).field,
+        "viscous": lambda: viscous(plan),
+        "kinematic": lambda: kinematic(plan),
+    }
+    for model, make in models.items():
+        started = time.process_time()
+        row: dict[str, object] = {"name": reference.name, "model": model, "friction": friction}
+        try:
+            field = make()
+        except GranpipeError as error:
+            yield row | {"refused": str(error)}
+            continue
+        row["seconds"] = time.process_time() - started
+        found = compare(reference.field, field, plan.case.outline.levels, 1.0)
+        noise = reference.noise
+        errors = {one.name: float(np.sqrt(max(one.observed**2 - noise[one.name] ** 2, 0))) for one in found}
+        row["errors"] = errors
+        row["noise"] = reference.noise["whole"]
+        print(reference.name, model, {k: round(v, 3) for k, v in errors.items()}, flush=True)
+        yield row
+
+
+def viscous(plan: Plan) -> Field:
+    case, packing = plan.case, plan.case.material.packing
+    assert packing is not None
+    law = replace(wall_law(case), friction=case.contact.wall.friction)
+    solution = solve_fluid(section_mesh(plan), law, target_flow(case, packing))
+    return to_field(solution, plan.grid, plan.outline.inside_fraction(plan.grid), packing)
+
+
+def kinematic(plan: Plan) -> Field:
+    """Nedderman & Tüzün (Powder Technol. 22 (1979) 243): u = −B ∂w/∂r, marched upwards from a plug at the outlet.
+
+    ψ obeys ∂ψ/∂z = B r ∂/∂r(1/r ∂ψ/∂r), with no flow through the walls; obstacles are not known.
+    """
+    grid, packing, outline = plan.grid, plan.case.material.packing, plan.outline
+    assert packing is not None
+    length = SPREADING * size_classes(plan.case.material.size).sauter_diameter
+    total = target_flow(plan.case, packing) * packing / (2 * np.pi)
+    r = grid.r_edges
+    psi = np.zeros((len(grid.z_edges), len(r)))
+    row = -total * np.minimum(r / outline.outlet_radius, 1.0) ** 2
+    step = 0.25 * grid.cell**2 / length
+    for i, z in enumerate(grid.z_edges):
+        psi[i] = row
+        radius = float(outline.wall_radius(z, "above"))
+        for _ in range(int(np.ceil(grid.cell / step))):
+            w = np.diff(row) / (0.5 * np.diff(r**2))
+            grown = row.copy()
+            grown[1:-1] += step * length * r[1:-1] * np.diff(w) / grid.cell
+            row = np.where(r >= radius - 1e-9, -total, grown)
+    flux_r, flux_z = flux_from_psi(psi, grid)
+    inside = outline.inside_fraction(grid)
+    return Field(
+        grid, inside, inside > 0, flux_r, flux_z, target_flow(plan.case, packing), packing, flow_scale=1.0, psi=psi
+    )
+
+
+def page(rows: list[dict[str, object]]) -> str:
+    lines = [
+        "# The frictional fluid against DEM",
+        "",
+        f"Made by `benchmarks/friction_fluid.py page` on {datetime.now(UTC):%Y-%m-%d}, from the references in",
+        "`benchmarks/references/friction/` (`pack` of DEM results: the cones of `benchmarks/wall_factor.py run`,",
+        "`cone-<half-angle>-<μ_w>-<outlet/d>-<μ>-<μ_r>`, and `cases/reactor.yaml` with its 6 cm particles).",
+        "",
+        "Friction, wall friction and the angle of surfaces follow from the contact parameters by the law of",
+        "[bulk_friction.md](bulk_friction.md); nothing is fitted to the scene. The errors are relative RMS of the bulk",
+        "velocity, the noise of the reference taken off. Beside it the viscous fluid with its wall factor (which was",
+        f"fit to these cones) and the kinematic model with a length of {SPREADING:g} d, which knows no obstacle.",
+        "",
+        "| scene | model | μ_i | μ_w | whole | sections | noise | s |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        friction = row["friction"]
+        assert isinstance(friction, BulkFriction)
+        own = [f"{friction.internal:.2f}", f"{friction.wall:.2f}"] if row["model"] == "frictional" else ["", ""]
+        errors = row.get("errors")
+        if not isinstance(errors, dict):
+            lines.append(f"| {row['name']} | {row['model']} | | | refused | {row['refused']} | | |")
+            continue
+        parts = ", ".join(f"{name} {100 * value:.0f}" for name, value in errors.items() if name != "whole")
+        whole, noise, seconds = 100 * errors["whole"], 100 * float(str(row["noise"])), float(str(row["seconds"]))
+        cells = [row["name"], row["model"], *own, f"**{whole:.0f} %**", parts, f"{noise:.1f} %", f"{seconds:.1f}"]
+        lines.append(f"| {' | '.join(map(str, cells))} |")
+    lines += ["", *summary(rows), ""]
+    return "\n".join(lines)
+
+
+def summary(rows: list[dict[str, object]]) -> list[str]:
+    """Mean errors of the hoppers of all cones, by model."""
+    lines = ["Mean over the cones, hopper only:", ""]
+    for model in ("frictional", "viscous", "kinematic"):
+        found: list[float] = []
+        for row in rows:
+            errors = row.get("errors")
+            if row["model"] == model and isinstance(errors, dict) and "hopper" in errors:
+                found.append(errors["hopper"])
+        if found:
+            lines.append(
+                f"- {model}: {100 * np.mean(found):.1f} %, from {100 * min(found):.0f} to {100 * max(found):.0f} %"
+            )
+    return lines
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+"""Voids below overhangs, against their corners by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granpipe.errors import CaseError
+from granpipe.field import Array
+from granpipe.geometry.free_surfaces import voids
+from granpipe.geometry.outline import Outline
+
+ANGLE = np.radians(45)
+PIPE = [[1.0, 4.0], [1.0, 0.0]]
+
+
+def corners(polygon: Array) -> set[tuple[float, float]]:
+    return {(round(float(r), 9), round(float(z), 9)) for r, z in polygon}
+
+
+def box(r0: float, r1: float) -> list[list[float]]:
+    return [[r0, 2.0], [r1, 2.0], [r1, 2.5], [r0, 2.5]]
+
+
+def test_a_hopper_has_no_void() -> None:
+    assert voids(Outline.of([[1, 3], [1, 2], [0.5, 1], [0.5, 0]]), ANGLE) == []
+
+
+def test_below_a_ledge_the_surface_falls_to_the_wall() -> None:
+    (void,) = voids(Outline.of([[0.5, 4], [0.5, 3], [1, 3], [1, 0]]), ANGLE)
+    assert corners(void) == {(0.5, 3.0), (1.0, 3.0), (1.0, 2.5)}
+
+
+def test_a_widening_steeper_than_the_surface_is_filled_and_a_flatter_one_is_not() -> None:
+    steep, flat = [[0.5, 4], [0.5, 3], [1, 2], [1, 0]], [[0.5, 4], [0.5, 3], [1, 2.8], [1, 0]]
+    assert voids(Outline.of(steep), ANGLE) == []
+    (void,) = voids(Outline.of(flat), ANGLE)
+    assert corners(void) == {(0.5, 3.0), (1.0, 2.8), (1.0, 2.5)}
+
+
+@pytest.mark.parametrize(
+    ("span", "expected"),
+    [
+        ((0.6, 1.0), {(0.6, 2.0), (1.0, 2.0), (1.0, 1.6)}),
+        ((0.0, 0.5), {(0.0, 2.0), (0.5, 2.0), (0.0, 1.5)}),
+        ((0.4, 0.8), {(0.4, 2.0), (0.8, 2.0), (0.6, 1.8)}),
+    ],
+    ids=["on the wall", "on the axis", "free ring"],
+)
+def test_below_an_obstacle_stays_a_cavity(span: tuple[float, float], expected: set[tuple[float, float]]) -> None:
+    (void,) = voids(Outline.of(PIPE, {"block": box(*span)}), ANGLE)
+    assert corners(void) == expected
+
+
+def test_a_surface_ends_where_it_meets_an_obstacle() -> None:
+    wall = [[0.5, 4], [0.5, 3], [1, 3], [1, 0]]
+    found = voids(Outline.of(wall, {"block": [[0.7, 2.6], [1, 2.6], [1, 2.9], [0.7, 2.9]]}), ANGLE)
+    assert (0.7, 2.8) in set.union(*(corners(one) for one in found))
+
+
+def test_a_surface_that_reaches_the_outlet_is_refused() -> None:
+    with pytest.raises(CaseError, match="reaches the outlet"):
+        voids(Outline.of([[0.5, 4], [0.5, 3], [1, 3], [1, 2.7]]), ANGLE)
