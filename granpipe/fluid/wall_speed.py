@@ -139,7 +139,8 @@ def _factor(law: WallLaw, section: str, half_angle: float) -> float:
 def outflow(mesh: RZMesh, edges: Index, out: float, radii: tuple[float, float], along: Array) -> tuple[Array, Array]:
     """Velocity (e, n, 2) and outward flow (e,) of level edges where the flow `out` leaves at one speed.
 
-    It leaves between the two radii only; an edge that one of them cuts gets its share of the flow.
+    It leaves between the two radii only; an edge that one of them cuts gets its share of the flow. SolveError where no
+    part of the outlet lies between them.
     """
     radius = mesh.ends()[edges, :, 0]
     area = np.pi * np.abs(np.diff(np.clip(radius, *radii) ** 2, axis=1))[:, 0]

@@ -10,9 +10,9 @@ from granpipe.case.schema import Case
 from granpipe.dem.settings import Decision
 from granpipe.fluid.bulk_friction import bulk_friction_law
 
-REPOSE_SLOPE, REPOSE_START = 2.05, 0.165
-"""tan of the angle of free surfaces = 2.05 (μ_i − 0.165), at least μ_i: the line through the flowing surfaces of
-docs/validation/free_surface.md (22°, 28° and 33° for μ_i = 0.36, 0.43 and 0.48)."""
+REPOSE_SLOPE, REPOSE_START = 1.92, 0.146
+"""tan of the angle of free surfaces = 1.92 (μ_i − 0.146), at least μ_i: the line through the flowing surfaces of
+docs/validation/free_surface.md (22°, 28° and 33° for μ_i = 0.36, 0.42 and 0.49)."""
 
 
 @dataclass(frozen=True)

@@ -220,7 +220,7 @@ def test_unknown_key_suggests_the_nearest():
 
 
 def test_unknown_key_without_likeness_lists_the_known():
-    assert "known here: order, walls" in message(MINIMAL + "fluid: {qqq: 1}\n")
+    assert "known here: rheology, order" in message(MINIMAL + "fluid: {qqq: 1}\n")
 
 
 @pytest.mark.parametrize("key", ["name", "outline", "material", "flow_rate"])
