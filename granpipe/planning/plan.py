@@ -16,8 +16,8 @@ from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
-from granpipe.planning.doubts import doubts, size_hint, unit_hint
 from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
+from granpipe.planning.doubts import doubts, size_hint, unit_hint
 from granpipe.planning.flow import check_flow_rate
 from granpipe.planning.sections import section_needs, section_ranges
 from granpipe.planning.submodel import Span, spans, sub_case
