@@ -48,12 +48,11 @@ def plan_picture(planned: Planned, title: str, path: Path) -> None:
     with own_style(STYLE):
         figure = Figure(figsize=(float(np.clip(7.0 * width / height + 3.2, 4.5, 12.0)), 7.5), layout="constrained")
         axes = figure.add_subplot()
-        for number, (name, (top, bottom, particles)) in enumerate(planned.sections.items()):
+        for name, (top, bottom, particles) in planned.sections.items():
             outline = _between(wall, top, bottom)
             axes.fill(*outline.T, color=REST if particles else BLUE, alpha=0.5 if particles else 0.25, linewidth=0)
             what = "particles" if particles else "fluid"
-            place = (1.04 * width, 0.5 * (top + bottom) + (number % 2) * 0.01 * height)
-            axes.annotate(f"{name}: {what}", place, fontsize=8, va="center")
+            axes.text(1.04 * width, 0.5 * (top + bottom), f"{name}: {what}", fontsize=8, va="center")
             axes.axhline(top, color=STONE, linewidth=0.4, linestyle=":")
         for polygon in planned.obstacles.values():
             axes.fill(*polygon.T, facecolor=STONE, edgecolor=INK)
@@ -61,9 +60,11 @@ def plan_picture(planned: Planned, title: str, path: Path) -> None:
         axes.axvline(0.0, color=STONE, linestyle="-.", linewidth=0.8)
         for line in free_surfaces(wall, planned.obstacles):
             axes.plot(*line.T, color=RED, linestyle="--", linewidth=1.0)
-        for name, (z, inner, outer) in planned.openings.items():
+        for number, (name, (z, inner, outer)) in enumerate(planned.openings.items()):
             axes.annotate("", (outer, z), (inner, z), arrowprops={"arrowstyle": "<->", "color": BLUE, "linewidth": 0.8})
-            axes.annotate(name, (0.5 * (inner + outer), z), (0, 3), textcoords="offset points", fontsize=7, ha="center")
+            above = (0, 3 + 8 * (number % 2))  # two openings at one level
+            place = (0.5 * (inner + outer), z)
+            axes.annotate(name, place, above, textcoords="offset points", fontsize=7, ha="center")
         if planned.feed is not None:
             axes.fill_between([0, wall[0, 0]], wall[0, 1], planned.feed[1], color=REST, alpha=0.25, linewidth=0)
             axes.text(0.05 * width, planned.feed[1], "reservoir and feed", fontsize=7, va="top")
