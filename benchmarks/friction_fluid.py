@@ -30,7 +30,7 @@ from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan, make_plan
 
 HERE = Path(__file__).resolve().parent
-SPREADING = 0.5  # length of the kinematic model over the particle size (Nedderman & Tüzün 1979; 1–3 d, best here)
+SPREADING = 0.5  # length B of the kinematic model over the particle size: assumed, not fitted
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,8 @@ def page(rows: list[dict[str, object]]) -> str:
         "Friction, wall friction and the angle of surfaces follow from the contact parameters by the law of",
         "[bulk_friction.md](bulk_friction.md); nothing is fitted to the scene. The errors are relative RMS of the bulk",
         "velocity, the noise of the reference taken off. Beside it the viscous fluid with its wall factor (which was",
-        f"fit to these cones) and the kinematic model with a length of {SPREADING:g} d, which knows no obstacle.",
+        f"fit to these cones) and the kinematic model with an assumed length of {SPREADING:g} d, which knows no obstacle.",
+        "Of two widths of the average, 0.22 d (a sphere's own) and 0.4 d, the first was taken after seeing these cones.",
         "",
         "| scene | model | μ_i | μ_w | whole | sections | noise | s |",
         "|---|---|---|---|---|---|---|---|",

@@ -19,7 +19,7 @@ SURFACE = "free surface"
 """Obstacles of a mesh whose names begin so are voids; their edges are free surfaces."""
 
 FREE_FALL = 0.7
-"""Exponent of the profile of an open outlet, w ∝ (1 − r²/a²)^0.7: faster in the middle (measured by DEM)."""
+"""Exponent of the profile of an open outlet, w ∝ (1 − r²/a²)^0.7: an assumption that no reference tests."""
 
 ALONG = np.array([0.0, 0.5, 1.0])
 
