@@ -70,7 +70,8 @@ def _mesh(words: Iterator[str]) -> tuple[NDArray[np.float64], list[Index]]:
         _skip(words, 1)
         kind = next(words)
         nodes, number = _count(words), _count(words)
-        rows = np.array([int(word) for word in islice(words, nodes * number)]).reshape(number, nodes) - lowest
+        corners = [int(word) - lowest for word in islice(words, nodes * number)]
+        rows = np.array(corners, dtype=np.int64).reshape(number, nodes)
         if kind in _CORNERS and number:
             elements.append(rows[:, _CORNERS[kind]])
         if version < 4:  # parameter values stood here

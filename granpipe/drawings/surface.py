@@ -62,6 +62,8 @@ def _read(path: Path) -> tuple[Points, NDArray[np.int64]]:
         points, triangles = np.asarray(mesh.points, dtype=float), np.concatenate(cells)
     except Exception as error:  # meshio's readers raise whatever a damaged file makes them stumble over
         raise CaseError(f"no triangles can be read from it ({type(error).__name__}: {error})") from None
+    if points.shape[1:] != (3,):
+        raise CaseError("damaged: its points have not three coordinates each")
     if len(triangles) == 0 or not (np.abs(points) <= LARGEST).all() or triangles.max(initial=0) >= len(points):
         raise CaseError(f"damaged: triangles with corners that are not there, no numbers, or beyond {LARGEST:g}")
     return points, triangles

@@ -176,6 +176,19 @@ def test_a_file_that_is_no_drawing_is_refused_with_the_reason(
         read_drawing(tmp_path / name, unit="m")
 
 
+def test_a_vertex_number_beyond_every_integer_is_refused(tmp_path: Path) -> None:
+    path = write_mphtxt(tmp_path / "mesh.mphtxt", [(0, 0), (1, 0), (1, 2)], [(0, 1, 2)])
+    path.write_text(path.read_text().replace("0 1 2", f"0 1 {10**20}", 1))
+    with pytest.raises(CaseError):
+        read_drawing(path, unit="m")
+
+
+def test_a_surface_of_points_with_one_coordinate_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 1\nv 2\nv 3\nf 1 2 3\n")
+    with pytest.raises(CaseError):
+        read_drawing(tmp_path / "a.obj", unit="m")
+
+
 def test_a_square_vessel_is_not_turned_into_a_round_one(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match="not a surface of revolution with 8 facets"):
         read_drawing(revolved_stl(tmp_path / "box.stl", [(1, 2), (1, 1), (0.5, 0)], facets=4), unit="m")
