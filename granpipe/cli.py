@@ -336,9 +336,10 @@ def scale(result: Path, flow: str, out: Path) -> None:
     """
     from granpipe.pipeline.scale import scale_results
 
-    if warning := scale_results(result, _read_result(result, {"flow_rate": flow}).case, out):
-        click.echo(f"warning: {warning}", err=True)
+    scaled = scale_results(result, _read_result(result, {"flow_rate": flow}).case, out)
+    _tell(f"warning: {note}" for note in scaled.notes)
     click.echo(f"scaled results in {out}")
+    _end(scaled.failed)
 
 
 @main.command()
@@ -378,6 +379,7 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     from granpipe.analysis.compare import difference_table
     from granpipe.dem.sizes import size_classes
     from granpipe.field import Field
+    from granpipe.pipeline.provenance import read_gates
     from granpipe.system.manifest import verify
 
     verify(one, "field.npz", "case.yaml")
@@ -386,6 +388,9 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     case = _read_result(one).case
     diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
     click.echo(difference_table(compare_fields(*fields, case.outline.levels, diameter), tolerance))
+    for folder in (one, other):
+        if (folder / "provenance.json").exists():
+            _tell(f"{folder}: quality gate failed: {gate}" for gate in read_gates(folder) if not gate.passed)
 
 
 @main.command()

@@ -128,7 +128,7 @@ def load_result(folder: str | PathLike[str]) -> Result:
     if "provenance.json" not in listed:
         return Result(folder, case, field, None, (), {})
     provenance = read_json(folder / "provenance.json", _Provenance)
-    model = None if provenance.sampling is not None else read_json(folder / "plan.json", _Plan).model
+    model = read_json(folder / "plan.json", _Plan).model if "plan.json" in listed else None
     return Result(folder, case, field, model, provenance.quality, provenance.figures)
 
 
@@ -136,7 +136,6 @@ def load_result(folder: str | PathLike[str]) -> Result:
 class _Provenance:
     quality: tuple[Gate, ...]
     figures: dict[str, Any]
-    sampling: str | None = None
 
 
 @dataclass(frozen=True)

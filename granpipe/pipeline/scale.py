@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
+from typing import NamedTuple
 
+from granpipe import __version__
 from granpipe.case.material import MOST_PACKING
 from granpipe.case.schema import Case
 from granpipe.errors import DataError
@@ -12,13 +15,23 @@ from granpipe.field import Field
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.pipeline.exports import write_exports
+from granpipe.pipeline.gates import Gate
+from granpipe.pipeline.provenance import read_gates
 from granpipe.planning.flow import check_flow_rate, target_flow
+from granpipe.system.jsonfile import write_json
 from granpipe.system.manifest import verify
 from granpipe.system.publish import publishing_new
 
 
-def scale_results(source: Path, case: Case, target: Path) -> str:
-    """Write the exports of a results folder for the flow rate of `case`; return a warning, or nothing.
+class Scaled(NamedTuple):
+    """What to keep in mind of scaled results: of the flow rate, and gates that the run has failed."""
+
+    notes: tuple[str, ...]
+    failed: tuple[Gate, ...]
+
+
+def scale_results(source: Path, case: Case, target: Path) -> Scaled:
+    """Write the exports of a results folder for the flow rate of `case`; its quality gates go with them.
 
     `case` is that of the results but for the flow rate. Granular flow is driven by gravity and keeps its pattern while
     inertia is small (Sparta & Halvorsen 2017), so that every velocity scales with the flow.
@@ -29,7 +42,9 @@ def scale_results(source: Path, case: Case, target: Path) -> str:
     DataError : the results are damaged, or do not know the packing of the bulk, so that they tell no mass flow
     CaseError : the flow rate is above the free discharge through an opening
     """
-    verify(source, "field.npz", "case.yaml")
+    told = (source / "provenance.json").exists()
+    verify(source, "field.npz", "case.yaml", *(["provenance.json"] if told else []))
+    gates = read_gates(source) if told else ()
     field = Field.load(source / "field.npz")
     packing = field.bulk_packing
     if packing > MOST_PACKING:
@@ -44,4 +59,14 @@ def scale_results(source: Path, case: Case, target: Path) -> str:
         (folder / "case.yaml").write_text(case.to_yaml())
         scaled.save(folder / "field.npz")
         write_exports(scaled, case, folder)
-    return "; ".join(notes)
+        provenance = {
+            "made": datetime.now().astimezone().isoformat(timespec="seconds"),
+            "granpipe": __version__,
+            "case": case.name,
+            "scaled_from": str(source.resolve()),
+            "figures": {},
+            "quality": [gate.as_dict() for gate in gates],
+            "notes": notes,
+        }
+        write_json(folder / "provenance.json", provenance)
+    return Scaled(notes, tuple(gate for gate in gates if not gate.passed))

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from granpipe.api.result import load_result
 from granpipe.case.reader import read_case
 from granpipe.case.schema import Case
 from granpipe.errors import CaseError, DataError, RunError
 from granpipe.field import Field, Grid, flux_from_psi
+from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.scale import scale_results
 from granpipe.system.manifest import write_manifest
 
@@ -38,7 +41,7 @@ def case_at(flow: str) -> Case:
 
 
 def test_the_scaled_field_carries_the_flow_asked_for(results: Path, tmp_path: Path) -> None:
-    assert scale_results(results, case_at("7.2 m^3/h"), tmp_path / "out") == ""
+    assert scale_results(results, case_at("7.2 m^3/h"), tmp_path / "out") == ((), ())
     field = Field.load(tmp_path / "out" / "field.npz")
     assert field.bulk_flow * field.flow_scale == pytest.approx(0.002)
     assert (tmp_path / "out" / "comsol" / "psi_grid.txt").is_file()
@@ -55,7 +58,19 @@ def test_times_go_down_as_the_flow_goes_up(results: Path, tmp_path: Path) -> Non
 
 
 def test_a_flow_near_free_discharge_is_warned_about(results: Path, tmp_path: Path) -> None:
-    assert "of the free discharge through the outlet" in scale_results(results, case_at("0.5 m^3/s"), tmp_path / "out")
+    (note,) = scale_results(results, case_at("0.5 m^3/s"), tmp_path / "out").notes
+    assert "of the free discharge through the outlet" in note
+
+
+def test_the_marks_of_a_result_go_with_the_scaled_one(results: Path, tmp_path: Path) -> None:
+    mark = {"name": "statistical error", "value": 0.2, "limit": "at most 5%", "passed": False}
+    (results / "provenance.json").write_text(json.dumps({"quality": [mark, mark | {"passed": True}]}))
+    write_manifest(results)
+    scaled = scale_results(results, case_at("7.2 m^3/h"), tmp_path / "out")
+    assert scaled.failed == (Gate(**mark),)
+    again = scale_results(tmp_path / "out", case_at("3 m^3/h"), tmp_path / "again")
+    assert again.failed == scaled.failed
+    assert load_result(tmp_path / "again").gates[0] == Gate(**mark)
 
 
 def test_a_flow_above_free_discharge_is_refused_and_nothing_is_written(results: Path, tmp_path: Path) -> None:
