@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 QUALITY_FAILED = 4
 
+LEAST_TIME_STEP, MOST_TIME_STEP = 1e-12, 10.0
+"""Time steps of particle simulations [s], from atoms to boulders; others are slips of the pen."""
+
 LONG = 3 * 3600.0
 """Forecast [s] above which somebody at a terminal is asked before the work."""
 
@@ -434,6 +437,9 @@ def homogenize(
     from granpipe.pipeline.dump_window import Frame, Request
     from granpipe.pipeline.dumps import homogenize_files
 
+    if not LEAST_TIME_STEP <= time_step <= MOST_TIME_STEP:
+        message = f"{time_step:g} s is no time step of a particle simulation; it must be in [{LEAST_TIME_STEP:g}, "
+        raise click.BadParameter(f"{message}{MOST_TIME_STEP:g}] s", param_hint="--time-step")
     outline_case = None if case is None else _read(case).case
     request = Request(
         dumps=dumps,

@@ -100,6 +100,10 @@ def test_a_results_folder_that_cannot_be_made_is_one_sentence(tiny: Path) -> Non
     [
         (("homogenize", "none.dump", "--cell", "1cm", "--time-step", "1", "--out", "x"), "none.dump: no such file"),
         (("homogenize", ".", "--cell", "1cm", "--time-step", "1", "--out", "x"), "a folder; give the files"),
+        (
+            ("homogenize", "a.dump", "--cell", "1cm", "--time-step", "1e300", "--out", "x"),
+            "1e+300 s is no time step of a particle simulation",
+        ),
         (("compare", "none", "none"), "none: no such folder; pass the results folder of a completed run"),
         (("scale", "none", "--flow", "1 kg/h", "--out", "x"), "none is not a results folder"),
         (("study", "tiny.yaml", "--hours", "nan"), "must be above 0"),
