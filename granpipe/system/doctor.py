@@ -24,8 +24,8 @@ from granpipe.system.locks import shared
 from granpipe.system.programs import liggghts_version
 from granpipe.system.surroundings import cache_folder, can_be_written, require_memory
 
-TIMEOUT = 4.0
-"""Seconds after which a program that does not answer counts as missing."""
+TIMEOUT = 30.0
+"""Seconds after which a program that does not answer counts as missing; on a busy machine gmsh took more than four."""
 
 DISK_WANTED = 1e9
 """Free disk space [bytes] below which a particle run is likely to stop."""
@@ -101,7 +101,7 @@ class Finding:
 
 
 def check(folder: Path | None = None) -> list[Finding]:
-    """Look at everything, in a few seconds at most; `folder` is where results would go (default: the present one)."""
+    """Look at everything; `folder` is where results would go (default: the present one)."""
     here = [_python(), *(_package(name) for name in PACKAGES), *_surroundings(folder or Path()), _cores()]
     return [*_try(*_TRIED), *here]
 
