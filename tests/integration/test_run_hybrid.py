@@ -74,7 +74,7 @@ def test_settings_seeds_gates_and_times_of_the_sub_model_are_written_down(outcom
     assert {f"chamber: {gate['name']}" for gate in record["quality"]} <= {g["name"] for g in provenance["quality"]}
     report = (outcome.folder / "report.html").read_text()
     assert "Settings and criteria of sub-model chamber" in report
-    assert "Times of sub-model chamber" in report
+    assert "Production of sub-model chamber" in report
 
 
 def test_it_passes_its_gates(outcome: Outcome) -> None:

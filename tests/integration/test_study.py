@@ -50,7 +50,7 @@ def test_a_study_runs_its_points_and_tells_error_against_time(tmp_path: Path) ->
         assert {row["point"] for row in csv.DictReader(file)} == points
     page = (folder / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 4
-    assert not re.search(r"(src|href)=\"(?!data:)", page)
+    assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert "Recommended settings" in page
 
     case = load_case(SMOKE, dict(text.split("=") for text in ARGUMENTS if "=" in text))

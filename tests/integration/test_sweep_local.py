@@ -153,7 +153,7 @@ def test_a_case_in_place_of_a_sweep_is_told(tmp_path: Path) -> None:
 
 
 def test_a_worker_that_dies_takes_one_point_and_the_others_go_on(tmp_path: Path) -> None:
-    (tmp_path / "sweep.yaml").write_text(SHORT)
+    (tmp_path / "sweep.yaml").write_text(SHORT.replace("number: 2", "number: 20"))  # long enough to be interrupted
     command = [sys.executable, "-m", "granpipe", "sweep", "run", "sweep.yaml", "--cores", "1"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         states = tmp_path / "results" / "walls" / "state"
