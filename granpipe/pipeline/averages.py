@@ -146,6 +146,17 @@ def _known_packing(case: Case, outline: Outline, sums: Sums, inside_fraction: Ar
     return None
 
 
+def measured_packing(case: Case, outline: Outline, sums: Sums, diameter: float) -> float | None:
+    """φ of the plug, or of the bed above an open outlet, as simulated; None where the vessel is too narrow to tell."""
+    inside = outline.inside_fraction(sums.grid)
+    try:
+        if case.dem.outlet == "open":
+            return bed_packing(sums, inside, reference_range(case, outline, sums.grid)[0], diameter)
+        return measure_plug(sums, inside, plug_range(outline, sums.grid), diameter).packing
+    except DataError:
+        return None
+
+
 def reference_range(case: Case, outline: Outline, grid: Grid) -> tuple[float, float]:
     """Levels between which the reference packing is measured [m]: the plug, or the bed above an open outlet."""
     if case.dem.outlet != "open":

@@ -20,7 +20,14 @@ from granpipe.homogenize.statistics import (
     trend,
     turnovers,
 )
-from granpipe.pipeline.averages import Levels, after_transient, averaged_field, plug_range, smoothing_change
+from granpipe.pipeline.averages import (
+    Levels,
+    after_transient,
+    averaged_field,
+    measured_packing,
+    plug_range,
+    smoothing_change,
+)
 from granpipe.pipeline.convergence import average_gates
 from granpipe.pipeline.discharge import Discharge, measure_discharge
 from granpipe.pipeline.extra_fields import ExtraSums
@@ -75,6 +82,8 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     discharge = _discharge(plan, simulated, productions)
     if discharge is not None:
         figures["discharge"] = discharge.figures
+    packing = measured_packing(plan.case, plan.outline, merge(steady), settings.classes.sauter_diameter)
+    figures |= {"bulk_packing": averaged.plug.packing, "measured_packing": packing}
     changed = smoothing_change(averaged.field, steady, settings.classes.sauter_diameter)
     return ModelResult(
         field=field,
@@ -82,7 +91,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
             *average_gates(plan.case, averaged, merge(steady)),
             *(_size_gate(bed) for bed in settled),
             *_overlap_gates([bed.overlap for bed in settled]),
-            PACKING.gate(averaged.plug.packing),
+            *(() if packing is None else (PACKING.gate(packing),)),
             *(discharge.gates if discharge is not None else ()),
             upward_gate(field),
             cells_gate(plan),
@@ -96,7 +105,6 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
             "averaged_to_s": max(sums.stop for sums in steady),
             "averaged_plate_travel_m": merge(steady).duration * settings.plate_speed,
             "solids_flow_m3_per_s": averaged.plug.solids_flow,
-            "bulk_packing": averaged.plug.packing,
             "bulk_density_kg_per_m3": plan.case.material.density * averaged.plug.packing,
             "reference_overlap": overlap,
             "overlap_correction": rigid_share(overlap),

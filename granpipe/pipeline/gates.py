@@ -147,6 +147,8 @@ PACKING = Limit(
     low=0.5,
     high=0.68,
 )
+PACKING_APART = 0.03
+"""Difference of the case's packing fraction from the simulated one that is told, relative: stiffness makes as much."""
 SMOOTHING = Limit(
     "change of the field by smoothing, beyond noise",
     PARTICLES,
@@ -415,6 +417,12 @@ def run_notes(figures: Mapping[str, Any]) -> list[str]:
     if few:
         sections = ", ".join(f"{name} {turned:.2g}" for name, turned in few.items())
         notes.append(f"turned over less than once during the average, so it may depend on the filling: {sections}")
+    given, found = figures.get("bulk_packing"), figures.get("measured_packing")
+    if given is not None and found is not None and abs(found / given - 1) > PACKING_APART:
+        notes.append(
+            f"the case's bulk density makes a packing fraction of {given:.3f}, the simulated bed has {found:.3f}: "
+            "velocities follow the case's"
+        )
     for name, surface in figures.get("surface_angles", {}).items():
         angle, error = (math.degrees(surface[key]) for key in ("angle", "error"))
         renewed = "; it may depend on the filling" if name in few else ""

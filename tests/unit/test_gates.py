@@ -102,3 +102,10 @@ def test_upward_flow_is_that_of_the_worst_level(eddy, passed):
     gate = upward_gate(Field(grid, inside, inside > 0, flux_r, flux_z, 1.0, 0.6, 1.0))
     assert gate.value == pytest.approx(eddy, abs=1e-12)
     assert gate.passed == passed
+
+
+def test_a_bulk_density_that_the_simulated_bed_does_not_have_is_told() -> None:
+    (note,) = run_notes({"bulk_packing": 0.45, "measured_packing": 0.586})
+    assert "0.450, the simulated bed has 0.586" in note
+    assert run_notes({"bulk_packing": 0.58, "measured_packing": 0.586}) == []
+    assert run_notes({"bulk_packing": 0.58, "measured_packing": None}) == []
