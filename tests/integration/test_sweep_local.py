@@ -153,7 +153,7 @@ def test_a_case_in_place_of_a_sweep_is_told(tmp_path: Path) -> None:
 
 
 def test_a_worker_that_dies_takes_one_point_and_the_others_go_on(tmp_path: Path) -> None:
-    (tmp_path / "sweep.yaml").write_text(SHORT.replace("number: 2", "number: 20"))  # long enough to be interrupted
+    (tmp_path / "sweep.yaml").write_text(SHORT)
     command = [sys.executable, "-m", "granpipe", "sweep", "run", "sweep.yaml", "--cores", "1"]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         states = tmp_path / "results" / "walls" / "state"
@@ -169,7 +169,7 @@ def test_a_worker_that_dies_takes_one_point_and_the_others_go_on(tmp_path: Path)
 
 
 def test_an_interrupted_sweep_leaves_no_process_and_goes_on(tmp_path: Path) -> None:
-    (tmp_path / "sweep.yaml").write_text(SHORT)
+    (tmp_path / "sweep.yaml").write_text(SHORT.replace("number: 2", "number: 20"))  # long enough to be interrupted
     command = [sys.executable, "-m", "granpipe", "sweep", "run", "sweep.yaml", "--cores", "1"]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
         states = tmp_path / "results" / "walls" / "state"
@@ -183,7 +183,7 @@ def test_an_interrupted_sweep_leaves_no_process_and_goes_on(tmp_path: Path) -> N
     assert process.returncode == 130
     assert "Traceback" not in errors
     assert not Path(f"/proc/{worker}").exists()
-    assert "3 done, 1 failed" in granpipe(tmp_path, "sweep", "run", "sweep.yaml").stdout
+    assert "21 done, 1 failed" in granpipe(tmp_path, "sweep", "run", "sweep.yaml").stdout
 
 
 @pytest.mark.liggghts
