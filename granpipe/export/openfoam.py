@@ -104,6 +104,7 @@ def write_openfoam(exported: Exported, folder: Path) -> None:
             scalar(inside.flux),
             patches,
             lambda name, faces: (["type calculated;", *_named("value", scalar(faces.flux))]),
+            on_wedge=["value uniform 0;"],  # a field on faces is not read without
         ),
     )
     if exported.nodes.packing is not None:
@@ -278,13 +279,18 @@ def _named(name: str, lines: Iterable[str]) -> Iterator[str]:
 
 
 def _field(
-    dimensions: str, inside: Iterable[str], patches: dict[str, Faces], condition: Callable[[str, Faces], Iterable[str]]
+    dimensions: str,
+    inside: Iterable[str],
+    patches: dict[str, Faces],
+    condition: Callable[[str, Faces], Iterable[str]],
+    on_wedge: Iterable[str] = (),
 ) -> Iterator[str]:
+    """Entries of a field; `on_wedge` is what the wedge's sides have beside their type."""
     yield f"dimensions {dimensions};"
     yield from _named("internalField", inside)
     yield "boundaryField {"
     for name, faces in patches.items():
         yield f"{name} {{"
-        yield from ["type wedge;"] if name in ("front", "back") else condition(name, faces)
+        yield from condition(name, faces) if name not in ("front", "back") else ["type wedge;", *on_wedge]
         yield "}"
     yield "}"

@@ -154,6 +154,12 @@ def test_openfoam_flux_is_that_of_the_field_and_balances_in_every_cell(foam: Pat
     assert np.abs(balance).max() < 1e-9 * sector
 
 
+def test_openfoam_flux_has_the_value_on_every_patch_without_which_it_is_not_read(foam: Path) -> None:
+    text = (foam / "0/phi").read_text()
+    for name in ("inlet", "outlet", "walls", "front", "back"):
+        assert re.search(r"^value (nonuniform List<scalar>|uniform 0;)$", entry(text, name), re.MULTILINE)
+
+
 def test_openfoam_velocity_as_vtk_reads_it_is_that_of_the_flow(vessel, foam: Path) -> None:
     (foam / "case.foam").touch()
     reader = pyvista.OpenFOAMReader(foam / "case.foam")
