@@ -382,7 +382,7 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     from granpipe.analysis.compare import difference_table
     from granpipe.dem.sizes import size_classes
     from granpipe.field import Field
-    from granpipe.pipeline.provenance import read_gates
+    from granpipe.pipeline.provenance import known_gates
     from granpipe.system.manifest import verify
 
     verify(one, "field.npz", "case.yaml")
@@ -392,8 +392,7 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
     click.echo(difference_table(compare_fields(*fields, case.outline.levels, diameter), tolerance))
     for folder in (one, other):
-        if (folder / "provenance.json").exists():
-            _tell(f"{folder}: quality gate failed: {gate}" for gate in read_gates(folder) if not gate.passed)
+        _tell(f"{folder}: quality gate failed: {gate}" for gate in known_gates(folder) or () if not gate.passed)
 
 
 @main.command()

@@ -9,6 +9,7 @@ import numpy as np
 
 from granpipe.export.pictures import DPI, INK, STONE, STYLE
 from granpipe.field import Array
+from granpipe.system.surroundings import own_style
 
 MOST_LABELS = 40
 """Corners with their coordinates; a flattened curve has too many."""
@@ -23,15 +24,12 @@ def outline_picture(wall: Array, obstacles: Mapping[str, Array], unit: str, path
     obstacles : name → (m, 2) corners
     path : PNG file to write
     """
-    from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     height, width = float(np.ptp(wall[:, 1])), float(wall[:, 0].max())
     tall = 8.0
-    with rc_context(STYLE):
+    with own_style(STYLE):
         figure = Figure(figsize=(min(14.0, max(5.0, tall * width / height + 3.0)), tall), layout="constrained")
-        FigureCanvasAgg(figure)
         axes = figure.add_subplot()
         axes.plot(*wall.T, color=INK, linewidth=1.5)
         axes.axvline(0.0, color=STONE, linestyle="-.", linewidth=0.8)

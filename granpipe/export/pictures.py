@@ -56,7 +56,7 @@ def rz_figures(
     sections : to be named at the side
     name : of the case, for the title
     """
-    title = f"{name}: {flow_text(field.bulk_flow * field.flow_scale)} of bulk" if name else ""
+    title = field_title(name, field)
     figures = {"rz_field.png": overview(field, wall, obstacles, sections, title)}
     figures["rz_flow.png"] = _flow_figure(field, wall, obstacles, sections, title)
     names = [*_known_panels(field), *(["error"] if field.flux_z_se is not None else [])]
@@ -65,6 +65,11 @@ def rz_figures(
         for file, figure in figures.items():
             figure.savefig(folder / file, dpi=DPI)
     return [folder / file for file in figures]
+
+
+def field_title(name: str, field: Field) -> str:
+    """Name of the case and flow rate of its process; empty without a name."""
+    return f"{name}: {flow_text(field.bulk_flow * field.flow_scale)} of bulk" if name else ""
 
 
 def flow_text(flow: float) -> str:

@@ -42,9 +42,7 @@ def averaged_field(case: Case, outline: Outline, segments: Sequence[Sums], diame
     """The average of some segments, made to conserve by the case's method and scaled to the flow that it asks for."""
     sums = merge(segments)
     inside = outline.inside_fraction(sums.grid)
-    plug = measure_plug(
-        sums, inside, plug_range(outline, sums.grid), diameter, _known_packing(case, outline, sums, inside, diameter)
-    )
+    plug = _plug(case, outline, sums, inside, diameter, case.material.packing)
     scale = target_flow(case, plug.packing) / plug.bulk_flow
     if case.homogenize.method == "gaussian":
         field = gaussian_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale)
@@ -137,22 +135,19 @@ def _net_storage(segments: list[Sums]) -> Array:
     return np.asarray(np.abs(np.cumsum(gain, axis=1)).max(axis=1) / duration)
 
 
-def _known_packing(case: Case, outline: Outline, sums: Sums, inside_fraction: Array, diameter: float) -> float | None:
-    """φ_ref where it is not to be measured in the plug: given by the case, or of the bed above an open outlet."""
-    if case.material.packing is not None:
-        return case.material.packing
-    if case.dem.outlet == "open":
-        return bed_packing(sums, inside_fraction, reference_range(case, outline, sums.grid)[0], diameter)
-    return None
+def _plug(
+    case: Case, outline: Outline, sums: Sums, inside_fraction: Array, diameter: float, packing: float | None
+) -> Plug:
+    """The plug with a packing fraction that is given, or measured: in the plug, or in the bed above an open outlet."""
+    if packing is None and case.dem.outlet == "open":
+        packing = bed_packing(sums, inside_fraction, reference_range(case, outline, sums.grid)[0], diameter)
+    return measure_plug(sums, inside_fraction, plug_range(outline, sums.grid), diameter, packing)
 
 
 def measured_packing(case: Case, outline: Outline, sums: Sums, diameter: float) -> float | None:
     """φ of the plug, or of the bed above an open outlet, as simulated; None where the vessel is too narrow to tell."""
-    inside = outline.inside_fraction(sums.grid)
     try:
-        if case.dem.outlet == "open":
-            return bed_packing(sums, inside, reference_range(case, outline, sums.grid)[0], diameter)
-        return measure_plug(sums, inside, plug_range(outline, sums.grid), diameter).packing
+        return _plug(case, outline, sums, outline.inside_fraction(sums.grid), diameter, None).packing
     except DataError:
         return None
 

@@ -73,6 +73,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     reports = [production.reports() for production in productions]
     overlap = float(np.mean([report.reference_overlap for run in reports for report in run]))
     steady = as_rigid(simulated, overlap)
+    whole = merge(steady)
     averaged = averaged_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
     field = replace(averaged.field, extra=ExtraSums.of(plan).arrays(steady, averaged.field.inside_fraction))
     settled = [SettleRecord.read(production.settled) for production in productions]
@@ -82,13 +83,15 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     discharge = _discharge(plan, simulated, productions)
     if discharge is not None:
         figures["discharge"] = discharge.figures
-    packing = measured_packing(plan.case, plan.outline, merge(steady), settings.classes.sauter_diameter)
+    packing: float | None = averaged.plug.packing
+    if plan.case.material.packing is not None:
+        packing = measured_packing(plan.case, plan.outline, whole, settings.classes.sauter_diameter)
     figures |= {"bulk_packing": averaged.plug.packing, "measured_packing": packing}
     changed = smoothing_change(averaged.field, steady, settings.classes.sauter_diameter)
     return ModelResult(
         field=field,
         gates=(
-            *average_gates(plan.case, averaged, merge(steady)),
+            *average_gates(plan.case, averaged, whole),
             *(_size_gate(bed) for bed in settled),
             *_overlap_gates([bed.overlap for bed in settled]),
             *(() if packing is None else (PACKING.gate(packing),)),
@@ -103,7 +106,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
         | {
             "averaged_from_s": min(sums.start for sums in steady),
             "averaged_to_s": max(sums.stop for sums in steady),
-            "averaged_plate_travel_m": merge(steady).duration * settings.plate_speed,
+            "averaged_plate_travel_m": whole.duration * settings.plate_speed,
             "solids_flow_m3_per_s": averaged.plug.solids_flow,
             "bulk_density_kg_per_m3": plan.case.material.density * averaged.plug.packing,
             "reference_overlap": overlap,

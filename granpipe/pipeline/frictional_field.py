@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from granpipe.analysis.compare import compare
 from granpipe.dem.sizes import size_classes
-from granpipe.field import Array, Field, Mask, cell_squares
+from granpipe.field import Array, Field, Mask
 from granpipe.fluid.fictitious import FluidSolution, to_field
 from granpipe.fluid.friction_law import LENGTH, FrictionLaw
 from granpipe.fluid.frictional import FrictionSolution
@@ -49,21 +50,23 @@ def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
     """
     solved = solve_plan(plan, friction)
     field = solved.field
-    changed = {"wall friction + 20 %": replace(friction, wall=min(friction.wall * WALL_CHANGE, friction.internal))}
-    if friction.wall * WALL_CHANGE > friction.internal:
+    rougher = friction.wall * WALL_CHANGE
+    if rougher <= friction.internal:
+        changed = {"wall friction + 20 %": replace(friction, wall=rougher)}
+    else:
         changed = {"wall friction − 20 %": replace(friction, wall=friction.wall / WALL_CHANGE)}
     if voids(plan.outline, friction.repose):
         changed["angle of surfaces − 5°"] = replace(friction, repose=friction.repose - ANGLE_CHANGE)
     others = {name: solve_plan(plan, one).field for name, one in changed.items()}
     twice = solve_plan(plan, friction, 2 * FrictionLaw.regularization).field
-    sensitivity = {name: difference(field, other) for name, other in others.items()}
-    dependence = difference(field, twice)
+    classes = size_classes(plan.case.material.size)
+    sensitivity = {name: _difference(field, other, classes.sauter_diameter) for name, other in others.items()}
+    dependence = _difference(field, twice, classes.sauter_diameter)
     field = replace(
         field,
         flux_r_se=_spread([field.flux_r, *(one.flux_r for one in others.values())]),
         flux_z_se=_spread([field.flux_z, *(one.flux_z for one in others.values())]),
     )
-    classes = size_classes(plan.case.material.size)
     narrowest = min(opening.gap for opening in find_openings(plan.outline)) / classes.sauter_diameter
     gates = (
         *flow_gates(plan, field, solved.solution),
@@ -114,11 +117,9 @@ def friction_mesh(plan: Plan, empty: list[Array]) -> RZMesh:
     )
 
 
-def difference(one: Field, other: Field) -> float:
-    """E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells of both."""
-    weight = np.where(one.bulk & other.bulk, one.grid.ring_area, 0.0)
-    apart = cell_squares(one.flux_r - other.flux_r, one.flux_z - other.flux_z)
-    return float(np.sqrt((weight * apart).sum() / (weight * cell_squares(one.flux_r, one.flux_z)).sum()))
+def _difference(one: Field, other: Field, diameter: float) -> float:
+    whole, *_ = compare(one, other, {}, diameter)
+    return whole.observed
 
 
 def _outlet(plan: Plan) -> Outlet:

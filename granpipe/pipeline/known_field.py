@@ -11,7 +11,7 @@ from granpipe.errors import CaseError
 from granpipe.field import Field, Grid, flux_from_psi
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
-from granpipe.pipeline.provenance import read_gates
+from granpipe.pipeline.provenance import known_gates
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
 from granpipe.planning.submodel import Span
@@ -66,9 +66,10 @@ def _check_flow(field: Field, path: Path) -> None:
 
 def _quality(path: Path) -> tuple[tuple[Gate, ...], tuple[str, ...]]:
     """Gates that the run of the field has failed, as its results folder tells; a note where there is none."""
-    if not (path.parent / "provenance.json").exists():
+    gates = known_gates(path.parent)
+    if gates is None:
         return (), (f"{path} has no provenance.json beside it: whether its run passed its gates is not known",)
-    return tuple(gate.of(str(path)) for gate in read_gates(path.parent) if not gate.passed), ()
+    return tuple(gate.of(str(path)) for gate in gates if not gate.passed), ()
 
 
 def _cut_out(field: Field, span: Span, plan: Plan, path: Path) -> Field:

@@ -69,13 +69,12 @@ def _opened(folder: Path) -> tuple[Field, Case | None]:
 
 
 def _figure(field: Field, vessel: DrawnVessel, what: str, z: float | None) -> Any:
-    from granpipe.export.pictures import flow_text, overview, panel_figure
+    from granpipe.export.pictures import field_title, overview, panel_figure
     from granpipe.export.profiles import level_profile, profile_figure
 
     if z is not None:
         section = next((name for name, (top, low) in vessel.levels.items() if low <= z <= top), "")
         return profile_figure(level_profile(field, z, section))
     if what == "overview":
-        title = f"{vessel.name}: {flow_text(field.bulk_flow * field.flow_scale)} of bulk" if vessel.name else ""
-        return overview(field, vessel.wall, vessel.obstacles, vessel.levels, title)
+        return overview(field, vessel.wall, vessel.obstacles, vessel.levels, field_title(vessel.name, field))
     return panel_figure(field, what, vessel.wall, vessel.obstacles, vessel.levels)

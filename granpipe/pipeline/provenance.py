@@ -46,14 +46,17 @@ class Provenance:
         return _numbers(self.figures)
 
 
-def read_gates(folder: Path) -> tuple[Gate, ...]:
-    """The quality gates of a folder that ``granpipe run`` or ``homogenize`` has written.
+def known_gates(folder: Path) -> tuple[Gate, ...] | None:
+    """The quality gates of a folder that ``granpipe run``, ``homogenize`` or ``scale`` has written.
+
+    None where it has no ``provenance.json``.
 
     Raises
     ------
-    DataError : there are none, or they are damaged
+    DataError : they are damaged
     """
-    return read_json(folder / "provenance.json", _Quality).quality
+    path = folder / "provenance.json"
+    return read_json(path, _Quality).quality if path.exists() else None
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.pipeline.exports import write_exports
 from granpipe.pipeline.gates import Gate
-from granpipe.pipeline.provenance import read_gates
+from granpipe.pipeline.provenance import known_gates
 from granpipe.planning.flow import check_flow_rate, target_flow
 from granpipe.system.jsonfile import write_json
 from granpipe.system.manifest import verify
@@ -42,9 +42,9 @@ def scale_results(source: Path, case: Case, target: Path) -> Scaled:
     DataError : the results are damaged, or do not know the packing of the bulk, so that they tell no mass flow
     CaseError : the flow rate is above the free discharge through an opening
     """
-    told = (source / "provenance.json").exists()
-    verify(source, "field.npz", "case.yaml", *(["provenance.json"] if told else []))
-    gates = read_gates(source) if told else ()
+    gates = known_gates(source)
+    verify(source, "field.npz", "case.yaml", *(() if gates is None else ("provenance.json",)))
+    gates = gates or ()
     field = Field.load(source / "field.npz")
     packing = field.bulk_packing
     if packing > MOST_PACKING:

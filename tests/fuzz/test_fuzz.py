@@ -32,7 +32,7 @@ from granpipe.dem.dump_binary import is_complete
 from granpipe.dem.wall_contacts import read_wall_contacts
 from granpipe.errors import CaseError, DataError, GranpipeError
 from granpipe.field import Field
-from granpipe.pipeline.provenance import Identity, Provenance, read_gates
+from granpipe.pipeline.provenance import Identity, Provenance, known_gates
 from granpipe.pipeline.records import SegmentRecord, SettleRecord, WallRecord
 from granpipe.planning.plan import make_plan
 from granpipe.study.budget import advise
@@ -204,7 +204,7 @@ FILES: dict[str, tuple[object, Callable[[Path], object]]] = {
         lambda path: list(Provenance.read(path.parent).numbers),
     ),
     "provenance.json of a case": (IDENTITY, lambda path: Identity.read(path.parent)),
-    "provenance.json of a known field": ({"quality": [GATE]}, lambda path: read_gates(path.parent)),
+    "provenance.json of a known field": ({"quality": [GATE]}, lambda path: known_gates(path.parent)),
     "points.json": (
         {"axes": ["dem.seed"], "chart": [], "table": ["csv"], "points": [{"name": "a", "changes": {"dem.seed": "1"}}]},
         lambda path: SweepInput.read(path.parent),
