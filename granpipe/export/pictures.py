@@ -58,7 +58,8 @@ def rz_figures(
     """
     title = field_title(name, field)
     figures = {"rz_field.png": overview(field, wall, obstacles, sections, title)}
-    figures["rz_flow.png"] = _flow_figure(field, wall, obstacles, sections, title)
+    if field.bulk_flow:  # a bed at rest has no flow to compare with
+        figures["rz_flow.png"] = _flow_figure(field, wall, obstacles, sections, title)
     names = [*_known_panels(field), *(["error"] if field.flux_z_se is not None else [])]
     figures |= {f"rz_{one}.png": panel_figure(field, one, wall, obstacles, sections) for one in names}
     with own_style(STYLE):

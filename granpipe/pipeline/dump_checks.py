@@ -40,8 +40,8 @@ TIME_RATIO = Limit(
     _DUMPS,
     "A wrong time step gives wrong velocities. Snapshots of motion in bursts agree to a fifth; measured where the "
     "motion has a direction.",
-    low=0.5,
-    high=2,
+    low=0.8,
+    high=1.25,
     remedy="--time-step",
 )
 LACK = Limit(

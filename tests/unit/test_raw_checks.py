@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from granpipe.case.schema import Case
 from granpipe.cli import main
 from granpipe.errors import DataError
 from granpipe.field import level_flow
+from granpipe.pipeline.dump_files import write_homogenized
 from granpipe.pipeline.dump_window import Frame, Request, Up
 from granpipe.pipeline.dumps import Homogenized, homogenize_files
 
@@ -233,6 +235,23 @@ def test_a_wrong_time_step_marks_the_field(tmp_path: Path) -> None:
     failed = next(gate for gate in made.failed if "time" in gate.name)
     assert failed.value == pytest.approx(10, rel=0.05)
     assert "--time-step" in failed.limit
+
+
+@pytest.mark.parametrize(("factor", "marked"), [(1 / 1.5, True), (1.0, False), (1.5, True)])
+def test_a_time_step_that_is_half_as_long_again_marks_the_field(tmp_path: Path, factor: float, marked: bool) -> None:
+    asked = request(write(tmp_path, flow(4)))
+    made = homogenize_files(replace(asked, time_step=factor * asked.time_step), None)
+    assert any("--time-step" in gate.limit for gate in made.failed) == marked
+
+
+def test_a_bed_at_rest_is_written_and_drawn_without_a_flow(tmp_path: Path) -> None:
+    still = [(ids, place, np.zeros_like(velocity), radius) for ids, place, velocity, radius in flow(1)] * 3
+    made = homogenize_files(request(write(tmp_path, still)), None)
+    assert made.field.bulk_flow == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_homogenized(made, None, tmp_path / "out")
+    assert not (tmp_path / "out" / "figures" / "rz_flow.png").exists()
 
 
 @pytest.mark.parametrize("step", [0.02, 0.037, 0.013])
