@@ -324,18 +324,14 @@ def test_the_table_holds_every_point(story: Story) -> None:
     assert (story.folder / "table.nc").stat().st_size > 1000
 
 
-def test_granpipe_itself_takes_less_than_two_seconds_for_a_point(story: Story) -> None:
-    """Processor time of a point for which neither LIGGGHTS nor the averaging has to run, start of Python included."""
-    spent = []
-    for _ in range(3):  # others on the same cores cost processor time, too
-        (story.folder / "state" / "two-more.json").unlink()
-        begun = os.times()
-        done = story.granpipe("sweep", "points", str(story.folder), "two-more")
-        ended = os.times()
-        assert done.returncode == 0, done.stderr
-        assert story.status()["two-more"][0] == "done"
-        spent.append(ended.children_user + ended.children_system - begun.children_user - begun.children_system)
-    assert min(spent) < 2.0
+def test_a_point_that_is_done_is_told_again_without_a_run(story: Story) -> None:
+    """How long granpipe itself takes for it is measured in benchmarks/sweep.py."""
+    starts = len(story.starts())
+    (story.folder / "state" / "two-more.json").unlink()
+    done = story.granpipe("sweep", "points", str(story.folder), "two-more")
+    assert done.returncode == 0, done.stderr
+    assert story.status()["two-more"][0] == "done"
+    assert len(story.starts()) == starts
 
 
 def test_a_sweep_is_cancelled(story: Story) -> None:
