@@ -69,7 +69,8 @@ PROGRAMS = {
 }
 COMSOL_STEPS = (
     "In the folder comsol/ run: comsol compile import_comsol.java",
-    "Then: comsol batch -inputfile import_comsol.class -outputfile ../../flow.mph",
+    "Then: comsol batch -inputfile import_comsol.class -outputfile ../../flow.mph. Instead of both, from Python: "
+    "pip install mph, then python import_comsol.py ../../flow.mph",
     "Open flow.mph in COMSOL Desktop: it has a 2D axisymmetric component with the variables u_solids and w_solids. "
     "Draw or import your geometry in metres; r = 0 is the axis, and z is that of the case.",
     "Use u_solids and w_solids as the velocity field of your physics, and rho_ref as its density: "

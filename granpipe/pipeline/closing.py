@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 
+from granpipe.export.run_report import PROGRAMS
 from granpipe.pipeline.provenance import Provenance
 
 
@@ -22,16 +24,26 @@ def closing_text(folder: Path) -> str:
         rows.append(("error", ", ".join(f"{name} {error:.1%}" for name, error in errors.items()) + " (statistical)"))
     rows.append(("gates", f"{passed}; marked: do not use the field before you have read why" if failed else passed))
     rows.append(("report", f"{folder / 'report.html'}"))
-    comsol = folder / "comsol"
-    if comsol.is_dir():
-        rows.append(("COMSOL", f"{comsol / 'import_comsol.java'} and its tables"))
-    rows.append(("next", _next(folder, bool(failed), comsol.is_dir())))
+    if failed:
+        rows.append(("next", "open the report; it says what each failed gate means and what to change"))
+    else:
+        rows += [("next" if number == 0 else "", step) for number, step in enumerate(_next(folder))]
     return "\n".join(f"  {name:<7} {text}" for name, text in rows)
 
 
-def _next(folder: Path, marked: bool, comsol: bool) -> str:
-    if marked:
-        return "open the report; it says what each failed gate means and what to change"
-    if comsol:
-        return f"open the report; in {folder / 'comsol'}: comsol compile import_comsol.java"
-    return "open the report"
+def _next(folder: Path) -> list[str]:
+    """What to do with a field that is good to use: any one of the ways that its files offer."""
+    comsol = folder / "comsol"
+    steps = ["open the report, then use the field in one of these ways"]
+    if comsol.is_dir():
+        steps += [
+            f"COMSOL: cd {quote(str(comsol))}; comsol compile import_comsol.java; "
+            "comsol batch -inputfile import_comsol.class -outputfile ../../flow.mph",
+            f"COMSOL by way of MPh (pip install mph): python {quote(str(comsol / 'import_comsol.py'))} flow.mph",
+            f"COMSOL Desktop by hand: load the files of {comsol} as docs/how-to/comsol.md says",
+        ]
+    programs = [f"{name}/ ({text})" for name, text in PROGRAMS.items() if (folder / name).is_dir()]
+    if programs:
+        steps.append(f"{', '.join(programs)} in {folder}: docs/how-to/other-programs.md")
+    steps.append(f"Python: granpipe.load_result({str(folder)!r}).field.velocity(r, z)")
+    return steps

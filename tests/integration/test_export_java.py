@@ -1,12 +1,14 @@
 """The Java class that sets COMSOL up: compiled and run against a stand-in for COMSOL's API that records the calls."""
 
 import re
+import runpy
 import shutil
 import subprocess
 from datetime import datetime
 from pathlib import Path
 
 import pytest
+from fakes.comsol_api import Api
 from fakes.comsol_text import read_sections
 from fakes.synthetic import field_of, ring_vessel
 
@@ -97,3 +99,18 @@ def test_java_class_compiles_and_sets_up_what_the_files_hold(with_psi: bool, tmp
     names = {call.split("|")[1] for call in calls if "variable.solids_flow set|" in call}
     assert {"u_solids", "w_solids", "in_solids"} <= names
     assert ("u_linear" in names) == with_psi
+
+
+@pytest.mark.parametrize("with_psi", [True, False], ids=["psi", "no psi"])
+def test_the_python_script_makes_the_calls_of_the_java_class(with_psi: bool, tmp_path: Path) -> None:
+    folder = tmp_path / "comsol"
+    folder.mkdir()
+    write_comsol(
+        Exported(field_of(ring_vessel(), 0.1, with_psi=with_psi), "ring", 1000.0, datetime(2026, 9, 2)), folder
+    )
+    java = [call for call in recorded(folder, tmp_path / "build") if ".geom" not in call and "create|comp1" not in call]
+    model = Api()
+    runpy.run_path(str(folder / "import_comsol.py"))["add_flow"](model)
+    python = [call.replace(f"{folder}/", "./") for call in model.calls]
+    assert len(java) > 30
+    assert python == java

@@ -59,8 +59,8 @@ def test_both_files_start_from_one_debian_and_do_one_set_of_steps() -> None:
     assert docker["COPY"] == apptainer["files"] == ". /src"
     assert docker["RUN"].split(" && ") == [line.strip() for line in apptainer["post"].splitlines()]
     assert docker["RUN"] == "/src/.ci/image && rm -rf /src"
-    assert apptainer["environment"] == "export PATH=/opt/granpipe/bin:$PATH"
-    assert docker["ENV"] == "PATH=/opt/granpipe/bin:$PATH"
+    assert apptainer["environment"] == "export PATH=/usr/lib/granpipe/bin:$PATH"
+    assert docker["ENV"] == "PATH=/usr/lib/granpipe/bin:$PATH"
     assert apptainer["runscript"] == 'exec granpipe "$@"'
 
 
