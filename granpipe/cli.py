@@ -382,6 +382,8 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     from granpipe.analysis.compare import difference_table
     from granpipe.dem.sizes import size_classes
     from granpipe.field import Field
+    from granpipe.geometry.outline import Outline
+    from granpipe.pipeline.field_vessel import check_vessel
     from granpipe.pipeline.provenance import known_gates
     from granpipe.system.manifest import verify
 
@@ -389,6 +391,7 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     verify(other, "field.npz")
     fields = Field.load(one / "field.npz"), Field.load(other / "field.npz")
     case = _read_result(one).case
+    check_vessel(fields[0], Outline.from_case(case), one / "field.npz")
     diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
     click.echo(difference_table(compare_fields(*fields, case.outline.levels, diameter), tolerance))
     for folder in (one, other):

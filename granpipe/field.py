@@ -426,6 +426,7 @@ class Field:
             value, high = getattr(self, name), 1.0 if name == "bulk_packing" else MOST
             if not (isinstance(value, int | float) and low <= value <= high):
                 raise ValueError(f"{name} is {value}, not between {low:g} and {high:g}")
+        self._check_parts()
         self._check_extra()
         self._check_flow()
 
@@ -444,14 +445,30 @@ class Field:
                 low = 0.0 if part or one.name.endswith("_se") else -MOST
                 yield one.name, array, shapes.get(one.name, ()), low, 1.0 if part else MOST
 
+    def _check_parts(self) -> None:
+        """There is bulk, and none of it outside; both directions of a flux are there; ψ is 0 on the axis."""
+        if not self.bulk.any() or (self.bulk & (self.inside_fraction == 0)).any():
+            raise ValueError("bulk is nowhere, or outside the vessel")
+        if (self.flux_y is None) == (len(self.grid.shape) == 3):
+            raise ValueError("flux_y is missing, or there is no y")
+        for one, other in (
+            ("flux_r_se", "flux_z_se"),
+            ("raw_flux_r", "raw_flux_z"),
+            ("raw_flux_r_se", "raw_flux_z_se"),
+        ):
+            if (getattr(self, one) is None) != (getattr(self, other) is None):
+                raise ValueError(f"of {one} and {other} one is missing")
+        if self.psi is not None and self.grid.axial and self.psi[:, 0].any():
+            raise ValueError("psi is not 0 on the axis")
+
     def _check_extra(self) -> None:
         """Sizes that have the same letter in `_EXTRA` must be equal; numbers must be finite, text must be names."""
         sizes = dict(zip("zr" if len(self.grid.shape) == 2 else "zyr", self.grid.shape, strict=True)) | {"2": 2}
         for name, array in self.extra.items():
-            letters = _EXTRA.get(name.removesuffix("_se"), "")
-            if letters and (
-                len(letters) != array.ndim or array.shape != tuple(map(sizes.setdefault, letters, array.shape))
-            ):
+            letters = _EXTRA.get(name.removesuffix("_se"))
+            if letters is None:
+                raise ValueError(f"it holds {name!r:.40}, which is no part of a field")
+            if len(letters) != array.ndim or array.shape != tuple(map(sizes.setdefault, letters, array.shape)):
                 raise ValueError(f"{name} has the shape {array.shape}")
             if (array.dtype.kind == "U") != (name == "wall_surface"):
                 raise ValueError(f"{name} holds {array.dtype}")

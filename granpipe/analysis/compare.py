@@ -54,7 +54,7 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
 
     Raises
     ------
-    DataError : the fields have different grids
+    DataError : the fields have different grids, or no bulk in common
     """
     grid = one.grid
     if grid.shape != other.grid.shape or not np.allclose(grid.z_edges, other.grid.z_edges):
@@ -62,6 +62,8 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
             f"the grids differ ({grid.shape[0]} × {grid.shape[1]} cells of {grid.cell:g} m and {other.grid.shape[0]} × "
             f"{other.grid.shape[1]} of {other.grid.cell:g} m); set the same homogenize.cell in both cases"
         )
+    if not (one.bulk & other.bulk).any():
+        raise DataError("the fields have no cell in common in which solids flow or rest; there is nothing to compare")
     cells = Cells.of(one, other)
     shared = max(1.0, (diameter / grid.cell) ** 2)
     return [cells.compare(name, rows, shared) for name, rows in section_rows(grid, levels).items()]

@@ -16,6 +16,7 @@ from granpipe.case.schema import Case
 from granpipe.errors import CaseError, DataError
 from granpipe.field import Field
 from granpipe.geometry.outline import Outline
+from granpipe.pipeline.field_vessel import check_vessel
 from granpipe.pipeline.gates import Gate
 from granpipe.progress import Progress, Silent
 from granpipe.system.jsonfile import read_json
@@ -114,7 +115,8 @@ def load_result(folder: str | PathLike[str]) -> Result:
 
     Raises
     ------
-    DataError : it is not one, or a file is damaged or was changed since granpipe wrote it
+    DataError : it is not one, or a file is damaged or was changed since granpipe wrote it, or the field is not one of
+        the vessel of the case beside it
     """
     folder = Path(folder)
     alone = not any((folder / name).exists() for name in (*_READ, MANIFEST))
@@ -123,8 +125,10 @@ def load_result(folder: str | PathLike[str]) -> Result:
         verify(folder, "field.npz", *(name for name in _READ if name in listed))
     stored = Field.load(folder / "field.npz")
     case = _case_in(folder) if "case.yaml" in listed else None
-    space = len(stored.grid.shape) == 3
-    field = SpaceFlow(stored) if space else Flow(stored, None if case is None else Outline.from_case(case))
+    outline = None if case is None else Outline.from_case(case)
+    if outline is not None:
+        check_vessel(stored, outline, folder / "field.npz")
+    field = SpaceFlow(stored) if len(stored.grid.shape) == 3 else Flow(stored, outline)
     if "provenance.json" not in listed:
         return Result(folder, case, field, None, (), {})
     provenance = read_json(folder / "provenance.json", _Provenance)

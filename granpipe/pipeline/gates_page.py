@@ -13,7 +13,7 @@ from granpipe.case.material import MOST_PACKING as MOST_CASE_PACKING
 from granpipe.dem import contact, health, settings
 from granpipe.fluid.direct import LARGEST_RESIDUAL
 from granpipe.homogenize.psi_field import MOST_STORAGE
-from granpipe.pipeline import known_field
+from granpipe.pipeline import field_vessel, known_field
 from granpipe.pipeline.dump_checks import DUMP_GATES, MOST_OUTSIDE, MOST_PACKING
 from granpipe.pipeline.gates import GATES, NOTES, Limit
 from granpipe.planning.sections import FLATTEST_HOPPER
@@ -114,12 +114,12 @@ def _planned() -> list[tuple[str, str, str]]:
             "particles do not pass a narrower one",
         ),
         (
-            "outline of the field that a hybrid follows (`fluid.known_field`)",
-            f"{known_field.OUTLINE_TOLERANCE:.0%} of a level's section",
+            "outline of a field that a hybrid follows (`fluid.known_field`), or that is read beside its case",
+            f"{field_vessel.TOLERANCE:.0%} of a level's section",
             "the field of another vessel; the same vessel gives 0 to rounding",
         ),
         (
-            "flow of that field",
+            "flow of a field that a hybrid follows",
             f"above 0, and the same through every level to {known_field.FLOW_TOLERANCE:.1%}",
             "the hybrid follows a downward flow; the field must not contradict itself",
         ),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from granpipe.case.material import LEAST_PACKING, MOST_PACKING
 from granpipe.errors import CaseError
 from granpipe.field import Field, Grid, flux_from_psi
+from granpipe.pipeline.field_vessel import other_vessel
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.provenance import known_gates
@@ -21,9 +22,6 @@ KEY = ("fluid", "known_field")
 
 FLOW_TOLERANCE = 1e-3
 """Largest deviation of ψ on the wall from the flow that the field says it has, relative."""
-
-OUTLINE_TOLERANCE = 0.01
-"""Largest part of a row's free area that may lie outside the other's outline; the same vessel gives 0 to rounding."""
 
 
 def known_results(plan: Plan) -> list[tuple[Span, ModelResult]]:
@@ -54,6 +52,12 @@ def _check_flow(field: Field, path: Path) -> None:
         raise CaseError(
             f"{path} has a flow of {field.bulk_flow:g} m³/s; a hybrid follows a downward flow, above 0", KEY
         )
+    if not LEAST_PACKING <= field.bulk_packing <= MOST_PACKING:
+        raise CaseError(
+            f"{path} has a reference packing of {field.bulk_packing:.3g}; that of a bed that flows by its weight is "
+            f"between {LEAST_PACKING:g} and {MOST_PACKING:g}",
+            KEY,
+        )
     carried = -2 * np.pi * (field.psi[:, -1] - field.psi[:, 0]) / (field.bulk_flow * field.bulk_packing)
     worst = int(np.abs(carried - 1).argmax())
     if abs(carried[worst] - 1) > FLOW_TOLERANCE:
@@ -83,7 +87,8 @@ def _cut_out(field: Field, span: Span, plan: Plan, path: Path) -> Field:
             f"{span.cut_bottom:g} … {span.cut_top:g} m",
             KEY,
         )
-    _check_outline(field, span, plan, path)
+    if found := other_vessel(field, plan.outline, span.cut_bottom, span.cut_top):
+        raise CaseError(f"{path} is the field of another vessel: {found}; give a field of this outline", KEY)
     levels = plan.grid.z_edges
     grid = Grid(plan.grid.r_edges, levels[(levels > span.cut_bottom - slack) & (levels < span.cut_top + slack)])
     spline = RectBivariateSpline(old.z_edges, old.r_edges**2, field.psi)
@@ -103,28 +108,3 @@ def _cut_out(field: Field, span: Span, plan: Plan, path: Path) -> Field:
         flow_scale=target_flow(plan.case, field.bulk_packing) / field.bulk_flow,
         psi=psi,
     )
-
-
-def _check_outline(field: Field, span: Span, plan: Plan, path: Path) -> None:
-    """CaseError where the field's vessel is another one within the span, row by row of the field's grid."""
-    grid = field.grid
-    rows = (grid.z_centres > span.cut_bottom) & (grid.z_centres < span.cut_top)
-    here = plan.outline.inside_fraction(Grid(_beyond(grid.r_edges, plan.outline.r_max), grid.z_edges))[rows]
-    there = np.zeros_like(here)
-    there[:, : grid.shape[1]] = field.inside_fraction[rows]
-    area = np.pi * np.diff(_beyond(grid.r_edges, plan.outline.r_max) ** 2)
-    apart = (np.abs(here - there) @ area) / (here @ area)
-    worst = int(apart.argmax())
-    if apart[worst] > OUTLINE_TOLERANCE:
-        raise CaseError(
-            f"{path} is the field of another vessel: at z = {grid.z_centres[rows][worst]:.4g} m "
-            f"{apart[worst]:.0%} of the section lies outside the other's; give a field of this outline",
-            KEY,
-        )
-
-
-def _beyond(edges: Any, radius: float) -> Any:
-    """Edges (n,) of equal width, continued until they reach a radius."""
-    width = edges[1] - edges[0]
-    count = max(len(edges) - 1, int(np.ceil(radius / width - 1e-9)))
-    return np.concatenate([edges, width * np.arange(len(edges), count + 1)])

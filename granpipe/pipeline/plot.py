@@ -12,6 +12,7 @@ from granpipe.case.schema import Case
 from granpipe.errors import DataError, RunError
 from granpipe.field import Field
 from granpipe.geometry.outline import Outline
+from granpipe.pipeline.field_vessel import check_vessel
 from granpipe.system.manifest import has_manifest, read_manifest, verify
 
 
@@ -65,6 +66,8 @@ def _opened(folder: Path) -> tuple[Field, Case | None]:
     if len(field.grid.shape) == 3:
         raise DataError(f"{folder}: a field in space is not drawn on a plane; open field.vtr in ParaView")
     case = read_case(folder / "case.yaml").case if (folder / "case.yaml").exists() else None
+    if case is not None:
+        check_vessel(field, Outline.from_case(case), folder / "field.npz")
     return field, case
 
 

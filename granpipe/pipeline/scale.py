@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from granpipe import __version__
-from granpipe.case.material import MOST_PACKING
+from granpipe.case.material import LEAST_PACKING, MOST_PACKING
 from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.pipeline.exports import write_exports
+from granpipe.pipeline.field_vessel import check_vessel
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.provenance import known_gates
 from granpipe.planning.flow import check_flow_rate, target_flow
@@ -39,7 +40,9 @@ def scale_results(source: Path, case: Case, target: Path) -> Scaled:
     Raises
     ------
     RunError : `target` exists
-    DataError : the results are damaged, or do not know the packing of the bulk, so that they tell no mass flow
+    DataError
+        the results are damaged, of another vessel than their case, without downward flow, or do not know the packing of
+        the bulk, so that they tell no mass flow
     CaseError : the flow rate is above the free discharge through an opening
     """
     gates = known_gates(source)
@@ -47,12 +50,17 @@ def scale_results(source: Path, case: Case, target: Path) -> Scaled:
     gates = gates or ()
     field = Field.load(source / "field.npz")
     packing = field.bulk_packing
-    if packing > MOST_PACKING:
+    if not LEAST_PACKING <= packing <= MOST_PACKING:
         raise DataError(
             f"{source / 'field.npz'}: packing fraction {packing:.3g} of the bulk; run the case again with "
             "material.bulk_density"
         )
+    if not field.bulk_flow > 0:
+        raise DataError(
+            f"{source / 'field.npz'}: a flow of {field.bulk_flow:g} m³/s cannot be scaled; one downwards can, above 0"
+        )
     outline = Outline.from_case(case)
+    check_vessel(field, outline, source / "field.npz")
     notes = check_flow_rate(case, outline, find_openings(outline), packing)
     scaled = replace(field, flow_scale=target_flow(case, packing) / field.bulk_flow)
     with publishing_new(target) as folder:

@@ -73,3 +73,9 @@ def test_other_grids_are_refused() -> None:
     field = Field(other, ones, ones > 0, np.zeros((40, 21)), np.zeros((41, 20)), 1.0, 1.0, 1.0)
     with pytest.raises(DataError, match=r"homogenize\.cell"):
         compare(plug(), field, LEVELS, 0.1)
+
+
+def test_fields_without_a_common_cell_of_bulk_are_not_said_to_agree() -> None:
+    left = replace(plug(), bulk=np.tile(GRID.r_centres < 0.5, (GRID.shape[0], 1)))
+    with pytest.raises(DataError, match="nothing to compare"):
+        compare(left, replace(plug(), bulk=~left.bulk), LEVELS, 0.1)

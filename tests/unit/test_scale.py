@@ -14,7 +14,9 @@ from granpipe.case.reader import read_case
 from granpipe.case.schema import Case
 from granpipe.errors import CaseError, DataError, RunError
 from granpipe.field import Field, Grid, flux_from_psi
+from granpipe.geometry.outline import Outline
 from granpipe.pipeline.gates import Gate
+from granpipe.pipeline.plot import plot_result
 from granpipe.pipeline.scale import scale_results
 from granpipe.system.manifest import write_manifest
 
@@ -23,15 +25,15 @@ HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
 
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
-    """A results folder with a uniform flow of 1 m³/s."""
+    """A results folder with a uniform flow of 1 m³/s, whatever the walls."""
     folder = tmp_path / "hopper"
     folder.mkdir()
     (folder / "case.yaml").write_text(read_case(HOPPER).case.to_yaml())
     grid = Grid.covering(1.0, 3.4, 5.9, 0.1)
     psi = np.tile(-0.5 / np.pi * grid.r_edges**2, (len(grid.z_edges), 1))
     flux_r, flux_z = flux_from_psi(psi, grid)
-    ones = np.ones(grid.shape)
-    Field(grid, ones, ones > 0, 0.6 * flux_r, 0.6 * flux_z, 1.0, 0.6, 1.0, psi=0.6 * psi).save(folder / "field.npz")
+    inside = Outline.from_case(read_case(HOPPER).case).inside_fraction(grid)
+    Field(grid, inside, inside > 0, 0.6 * flux_r, 0.6 * flux_z, 1.0, 0.6, 1.0, psi=0.6 * psi).save(folder / "field.npz")
     write_manifest(folder)
     return folder
 
@@ -88,6 +90,36 @@ def test_a_field_that_does_not_know_its_packing_is_not_scaled(results: Path, tmp
     write_manifest(results)
     with pytest.raises(DataError, match=r"run the case again with material\.bulk_density"):
         scale_results(results, case_at("1 t/h"), tmp_path / "out")
+
+
+@pytest.mark.parametrize("flow", [0.0, -1.0])
+def test_a_field_at_rest_or_upwards_is_not_scaled(flow: float, results: Path, tmp_path: Path) -> None:
+    field = Field.load(results / "field.npz")
+    assert field.psi is not None
+    changed = {"flux_r": flow * field.flux_r, "flux_z": flow * field.flux_z, "psi": flow * field.psi + 0.0}
+    replace(field, bulk_flow=flow, **changed).save(results / "field.npz")
+    write_manifest(results)
+    with pytest.raises(DataError, match=f"a flow of {flow:g} m³/s cannot be scaled"):
+        scale_results(results, case_at("1 t/h"), tmp_path / "out")
+
+
+@pytest.mark.parametrize("shape", [(1.0, 3.4, 6.9), (1.2, 3.4, 5.9), (1000.0, 3400.0, 5900.0)])
+def test_the_field_of_another_vessel_is_not_taken_for_that_of_the_case(
+    shape: tuple[float, float, float], results: Path, tmp_path: Path
+) -> None:
+    """Not scaled, drawn or opened; the case is that of a hopper from r = 1 m, z = 3.4 to 5.9 m."""
+    grid = Grid.covering(*shape, shape[0] / 10)
+    psi = np.tile(-0.3 / np.pi * (grid.r_edges / grid.r_edges[-1]) ** 2, (len(grid.z_edges), 1))
+    ones = np.ones(grid.shape)
+    Field(grid, ones, ones > 0, *flux_from_psi(psi, grid), 1.0, 0.6, 1.0, psi=psi).save(results / "field.npz")
+    write_manifest(results)
+    for use in (
+        lambda: scale_results(results, case_at("7.2 m^3/h"), tmp_path / "out"),
+        lambda: plot_result(results, "w", None, tmp_path / "picture.png"),
+        lambda: load_result(results),
+    ):
+        with pytest.raises(DataError, match="is not the field of the case beside it"):
+            use()
 
 
 def test_an_existing_folder_is_not_overwritten(results: Path, tmp_path: Path) -> None:

@@ -191,6 +191,15 @@ def test_a_field_without_downward_flow_is_refused(tmp_path: Path) -> None:
         followed(tmp_path, path)
 
 
+@pytest.mark.parametrize("packing", [0.02, 0.95])
+def test_a_field_whose_packing_no_bed_has_is_refused(tmp_path: Path, packing: float) -> None:
+    path = saved(tmp_path, VESSEL)
+    field = Field.load(path)
+    replace(field, bulk_packing=packing, bulk_flow=field.bulk_flow * field.bulk_packing / packing).save(path)
+    with pytest.raises(CaseError, match=f"has a reference packing of {packing:g}"):
+        followed(tmp_path, path)
+
+
 def test_a_field_without_stream_function_is_refused(tmp_path: Path) -> None:
     path = saved(tmp_path, VESSEL)
     replace(Field.load(path), psi=None).save(path)
