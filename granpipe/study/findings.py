@@ -124,9 +124,22 @@ class AxisFit:
 
 @dataclass(frozen=True)
 class Findings:
-    """All that a study found."""
+    """All that a study found.
+
+    Parameters
+    ----------
+    reference : name of the best point
+    distance : section → how far it is itself from the limit: the material's own size, no speed, no softness, no step
+    unknown : axes of which no two points tell what they add to that
+    options, effects : what was measured
+    axis_fits : along each axis that has a limit
+    spread : name → difference of the measures between halves of the reference
+    rate : particle-steps per second of one core
+    """
 
     reference: str
+    distance: Mapping[str, ErrorBound]
+    unknown: tuple[str, ...]
     options: tuple[Option, ...]
     effects: tuple[Effect, ...]
     axis_fits: tuple[AxisFit, ...]
@@ -212,6 +225,8 @@ class Comparison:
         rates = [p.plan.particle_steps / p.seconds for p in self.points if p.finished and p.cores == 1]
         return Findings(
             reference=self.reference.name,
+            distance=self.distance,
+            unknown=self.unknown,
             options=tuple(options),
             effects=tuple(effects),
             axis_fits=tuple(slope.fit for slope in self.slopes.values()),
@@ -262,6 +277,17 @@ class Comparison:
         found = compare(base.field, field, self.levels, max(base.diameter, point.diameter))
         return {difference.name: _bound(difference) for difference in found}
 
+    def systematic(self, field: Field, point: StudyPoint) -> ErrorBounds:
+        """Difference of a field of a point from the limit, at most: from the reference, and from there to the limit.
+
+        The two are added (triangle inequality), which is exact where both are of the same shape, as particle sizes are.
+        """
+        found = self._difference(self.reference, field, point)
+        return {
+            name: ErrorBound(part.value + self.distance[name].value, part.upper + self.distance[name].upper)
+            for name, part in found.items()
+        }
+
     def _options(self, point: StudyPoint) -> Iterator[Option]:
         if point.finished is None:
             yield Option(
@@ -272,7 +298,7 @@ class Comparison:
                 cores=point.cores,
                 statistical=self._statistical(point),
                 blocks=np.inf,
-                systematic=self._difference(self.reference, point.field, point),
+                systematic=self.systematic(point.field, point),
                 changes=dict(point.changes),
             )
             return
@@ -289,7 +315,7 @@ class Comparison:
             except DataError:
                 continue
             if systematic is None:
-                systematic = self._difference(self.reference, average.field, point)
+                systematic = self.systematic(average.field, point)
             yield Option(
                 point=point.name,
                 method=str(method),
@@ -335,6 +361,17 @@ class Comparison:
                 found[axis] = AxisSlope.of(axis, along, self._limit(axis))
         return found
 
+    @cached_property
+    def distance(self) -> ErrorBounds:
+        """Section → difference of the reference from the limit, by the axes that tell it."""
+        return self._changes({axis: slope.limit for axis, slope in self.slopes.items()}, self.reference)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Axes along which the reference is away from the limit, and no two points tell how far."""
+        setting = self.reference.setting
+        return tuple(axis for axis in setting if axis not in self.slopes and setting[axis] > self._limit(axis))
+
     def _limit(self, axis: str) -> float:
         """The material's own size; no speed, no softness, no step."""
         if axis != "coarse_grain_factor":
@@ -347,9 +384,13 @@ class Comparison:
 
     def _predicted(self, point: StudyPoint) -> ErrorBounds:
         """The changes along all axes from the reference's settings to the point's, added."""
-        changes = [
-            slope.change(point.setting[axis], self.reference.setting[axis]) for axis, slope in self.slopes.items()
-        ]
+        return self._changes(self.reference.setting, point)
+
+    def _changes(self, base: Mapping[str, float], point: StudyPoint) -> ErrorBounds:
+        """The changes along all axes from these settings to the point's, added."""
+        if not self.slopes:
+            return dict.fromkeys(self._sections, ErrorBound(0.0, 0.0))
+        changes = [slope.change(point.setting[axis], base[axis]) for axis, slope in self.slopes.items()]
         velocity, variance = (np.sum(terms, axis=0) for terms in zip(*changes, strict=True))
         weight = np.min([slope.weight for slope in self.slopes.values()], axis=0)
         return self._norms(velocity, variance, weight, point)

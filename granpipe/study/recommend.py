@@ -54,6 +54,7 @@ class Recommendation:
     proven : the option's 95 % bound is within the tolerance, not only its estimate
     guessed : the study is one of another scene
     fill_angle : angle below edges up to which the study's vessels were filled [°]
+    unknown : axes of which the study could not tell what they add to the error
     """
 
     file: CaseFile
@@ -62,6 +63,7 @@ class Recommendation:
     study: str
     proven: bool
     fill_angle: float
+    unknown: tuple[str, ...]
     guessed: bool = False
 
     @property
@@ -93,6 +95,7 @@ class Recommendation:
                 "is a guess, which granpipe study would test"
             )
         sure = "" if self.proven else " (its 95 % bound is above the tolerance)"
+        sure += f" (not counting {', '.join(self.unknown)}, which the study did not vary)" if self.unknown else ""
         what = "of the finite elements, not of the fluid as a model" if math.isinf(option.blocks) else "of error"
         cores = "one core" if option.cores == 1 else f"{option.cores} cores"
         return f"{which}: expecting {size} {what}{sure}, in {option.seconds:.3g} s on {cores} of the study's machine"
@@ -138,7 +141,9 @@ def recommend(file: CaseFile, results: Path, tolerance: float) -> Recommendation
             option, proven = _best(former.options, tolerance, study, lambda one: _allowed(file.case, former.case, one))
             where = f"of the study in {study.parent}" if study == own else f"of granpipe's study of {study.stem}"
             changes = _settings(former.case, option)
-            return Recommendation(_changed(file.case, changes), option, changes, where, proven, former.fill_angle)
+            return Recommendation(
+                _changed(file.case, changes), option, changes, where, proven, former.fill_angle, former.unknown
+            )
     return _guess(file.case, tolerance, own)
 
 
@@ -209,7 +214,9 @@ def _guess(case: Case, tolerance: float, own: Path) -> Recommendation:
         model = varied(former.case, option.changes)
         changes = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
         where = f"of granpipe's study of {study.stem}"
-        return Recommendation(_changed(case, changes), option, changes, where, proven, former.fill_angle, guessed=True)
+        return Recommendation(
+            _changed(case, changes), option, changes, where, proven, former.fill_angle, former.unknown, guessed=True
+        )
     raise CaseError(f"file not found: {own}; make it with granpipe study", place="--total-error")
 
 

@@ -84,11 +84,20 @@ def write_study(
 
 @dataclass(frozen=True)
 class FormerStudy:
-    """What an earlier study found: the case with everything settled, the angle of its filling [°], and the options."""
+    """What an earlier study found.
+
+    Parameters
+    ----------
+    case : with everything settled
+    fill_angle : of its filling [°]
+    options : their errors are against the limit
+    unknown : axes of which it is not known what they add to that
+    """
 
     case: Case
     fill_angle: float
     options: list[Option]
+    unknown: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -98,6 +107,7 @@ class _Stored:
     case: dict[str, Any]
     fill_angle_deg: float
     options: Annotated[list[Option], Field(min_length=1)]
+    unknown: tuple[str, ...]
 
 
 def read_study(study: Path) -> FormerStudy:
@@ -113,7 +123,8 @@ def read_study(study: Path) -> FormerStudy:
         if not {"whole"} <= option.statistical.keys() <= option.systematic.keys():
             raise DataError(f"{study}: damaged (the errors of {option.point} are not those of the whole); {remedy}")
     try:
-        return FormerStudy(resolve(stored.case, Places(study.name)).case, stored.fill_angle_deg, stored.options)
+        case = resolve(stored.case, Places(study.name)).case
+        return FormerStudy(case, stored.fill_angle_deg, stored.options, stored.unknown)
     except CaseError as error:
         raise DataError(f"{study}: damaged ({error}); {remedy}") from error
 
@@ -127,7 +138,24 @@ def study_intro(found: Findings) -> list[str]:
         f"Reference: {found.reference}. Errors are E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells, A the area of "
         "each ring. Statistical: the standard error of the average. Systematic: the difference from the reference "
         "with the noise of both taken off, and its 95 % bound. Unresolved: smaller than its own uncertainty.",
+        *([_distance_text(found)] if found.distance else []),
     ]
+
+
+def _distance_text(found: Findings) -> str:
+    """What the errors of options hold beside the difference from the reference."""
+    part = found.distance["whole"]
+    told = [fit.axis for fit in found.axis_fits]
+    unknown = (
+        f" Not known, for no two points tell: what is added by {', '.join(found.unknown)}." if found.unknown else ""
+    )
+    if not told:
+        return f"Errors are against the reference alone.{unknown}"
+    return (
+        "Errors of options are against the limit: the material's own size, no plate speed, no softness, no time step. "
+        f"The reference is itself {percent(part.value)} from it, at most {percent(part.upper)} ({', '.join(told)}); "
+        f"that is added to each systematic error.{unknown}"
+    )
 
 
 def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None) -> Iterator[Section]:
@@ -137,7 +165,10 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
     )
     yield Section(
         "Error against time",
-        ["The front: options that no other beats in both time and 95 % bound. Travel in outlet diameters."],
+        [
+            "The front: options that no other beats in both time and 95 % bound. Travel in outlet diameters; "
+            "systematic errors are against the limit."
+        ],
         head=("point", "method", "travel", "time × cores", "statistical", "systematic", "error", "95 % bound"),
         rows=[_front_row(option) for option in pareto(found.options)],
     )

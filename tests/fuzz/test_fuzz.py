@@ -210,7 +210,7 @@ FILES: dict[str, tuple[object, Callable[[Path], object]]] = {
         lambda path: SweepInput.read(path.parent),
     ),
     "study.json": (
-        {"case": CASE, "fill_angle_deg": 60.0, "options": [OPTION]},
+        {"case": CASE, "fill_angle_deg": 60.0, "options": [OPTION], "unknown": ["time_step"]},
         lambda path: advise(read_study(path).options, 0.05),
     ),
     "axes.json": ({"axes": {"a": "seed"}, "forecast_seconds": {"a": 3.0}}, lambda path: read_json(path, Notes, "x")),

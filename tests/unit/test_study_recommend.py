@@ -63,6 +63,7 @@ def write_study(file: Path, fill_angle: float = 60.0) -> None:
         "case": case.model_dump(mode="json", exclude_none=True),
         "fill_angle_deg": fill_angle,
         "options": [asdict(one) for one in OPTIONS],
+        "unknown": ["time_step"],
     }
     file.write_text(json.dumps(stored))
 
@@ -107,6 +108,10 @@ def test_a_study_of_another_way_of_filling_is_marked(results: Path) -> None:
     assert "filled" not in recommend(smoke(), results, 0.11).expected
     write_study(results / "smoke-study" / "study.json", fill_angle=30.0)
     assert "marked: the study filled vessels up to 30° below edges" in recommend(smoke(), results, 0.11).expected
+
+
+def test_what_the_study_could_not_tell_is_named(results: Path) -> None:
+    assert "(not counting time_step, which the study did not vary)" in recommend(smoke(), results, 0.11).expected
 
 
 def test_a_bulk_density_does_not_make_another_scene(results: Path) -> None:

@@ -118,6 +118,24 @@ def test_the_parts_together_foretell_the_measured_difference() -> None:
         assert effect.systematic["whole"].value == pytest.approx(unit * strength, rel=0.1)
 
 
+def test_the_error_of_a_field_counts_from_the_limit_not_from_the_reference() -> None:
+    made = study(0.002)
+    unit = norm_of_profile(made)
+    assert made.distance["whole"].value == pytest.approx(unit * (PER_DIAMETER * 0.002 + PER_SPEED * 0.02), rel=0.1)
+    for number, strength in ((0, PER_DIAMETER * 0.005 + PER_SPEED * 0.02), (1, PER_DIAMETER * 0.01 + PER_SPEED * 0.02)):
+        one = made.points[number]
+        found = made.systematic(one.field, one)["whole"]
+        assert found.value == pytest.approx(unit * strength, rel=0.1)
+        assert found.upper > unit * strength
+
+
+def test_axes_that_the_study_cannot_tell_are_named() -> None:
+    assert study(0.002).unknown == ("youngs_modulus", "time_step")
+    alone = Comparison(CASE, study(0.002).points[:1])
+    assert alone.unknown == ("coarse_grain_factor", "plate_speed", "youngs_modulus", "time_step")
+    assert alone.distance["whole"].upper == 0
+
+
 def test_sections_are_told_apart_from_the_whole() -> None:
     made = study(0.002)
     effect = made.effect(made.points[1], {})
@@ -170,7 +188,7 @@ def test_each_advice_says_how_much_longer_another_case_takes() -> None:
 def test_levers_are_told_against_the_case_and_its_time() -> None:
     studied = study(0.0)
     base, coarse = (studied.effect(point, {}) for point in studied.points[:2])
-    found = Findings(BASE, (), (base, replace(coarse, seconds=3 * base.seconds)), (), {}, None)
+    found = Findings(BASE, {}, (), (), (base, replace(coarse, seconds=3 * base.seconds)), (), {}, None)
     (section,) = (one for one in study_sections(found, [], None) if one.title == "Effects")
     ((name, times, difference),) = section.rows
     assert (name, times) == (coarse.point, "× 3.00")
