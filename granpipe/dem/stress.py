@@ -57,11 +57,9 @@ def bed_stress(wall: Sequence[tuple[float, float]], bulk_density: float, frictio
     bulk_density : [kg/m³]
     friction : on the wall
     """
-    stress, radius = 0.0, wall[0][0]
+    stress = 0.0
     rows: list[tuple[float, float, float]] = []
     for (r0, z0), (r1, z1) in pairwise(wall):
-        stress *= min(1.0, (radius / r0) ** 2)
-        radius = r1
         if z0 <= z1:
             stress *= min(1.0, (r0 / r1) ** 2)
             continue

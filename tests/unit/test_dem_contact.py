@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import integrate
 
 from granpipe.dem import contact
 from granpipe.dem.stress import bed_stress
@@ -26,6 +27,20 @@ def test_a_hundred_times_softer_allows_ten_times_the_step() -> None:
 def test_hertz_time_falls_with_the_fifth_root_of_the_speed() -> None:
     slow, fast = (contact.hertz_time(0.03, 1000, 1e7, 0.35, v) for v in (0.01, 0.32))
     assert slow / fast == pytest.approx(2)
+
+
+def test_a_collision_lasts_as_long_as_hertzs_equation_of_motion_says() -> None:
+    """m* δ'' = −(4/3) E* √R* δ^1.5, from its energy: T = 2 (δ_max/v) ∫₀¹ dx/√(1 − x^2.5)."""
+    radius, density, youngs, poisson, speed = 0.03, 2500.0, 1e7, 0.35, 0.4
+    mass, curved = 4 / 3 * math.pi * radius**3 * density / 2, radius / 2
+    modulus = 1 / (2 * (1 - poisson**2) / youngs)
+    deepest = (15 * mass * speed**2 / (16 * math.sqrt(curved) * modulus)) ** 0.4
+    time = 2 * deepest / speed * integrate.quad(lambda x: 1 / math.sqrt(1 - x**2.5), 0, 1)[0]
+    assert contact.hertz_time(radius, density, youngs, poisson, speed) == pytest.approx(time, rel=2e-3)
+
+
+def test_two_bodies_of_steel_have_an_effective_modulus_of_115_gpa() -> None:
+    assert contact.effective_modulus(210e9, 0.3) == pytest.approx(115.385e9, rel=1e-4)
 
 
 def test_janssen_stress_is_hydrostatic_when_shallow_and_saturates_when_deep() -> None:
@@ -65,11 +80,30 @@ def test_a_ledge_spreads_the_weight_above_it_over_the_wider_vessel() -> None:
     assert below == pytest.approx(above / 4, rel=0.1)
 
 
+def test_without_friction_a_ledge_changes_the_stress_by_the_areas_alone() -> None:
+    """2 m of 600 kg/m³ in a pipe, then four times its area: 2943 Pa and 1/40 of 0.1 m more; narrowing, it stays."""
+    weight = 600 * 9.81
+    wider = bed_stress([(0.5, 3.0), (0.5, 1.0), (1.0, 1.0), (1.0, 0.9)], 600, 0.0)
+    assert wider.at(1.0 - 0.0025) == pytest.approx(weight * (2.0 / 4 + 0.0025))
+    narrower = bed_stress([(1.0, 3.0), (1.0, 1.0), (0.5, 1.0), (0.5, 0.9)], 600, 0.0)
+    assert narrower.stress[-1] == pytest.approx(weight * 2.1)
+
+
 def test_the_softened_modulus_keeps_the_overlap_at_its_limit_by_hertz() -> None:
     """overlap/d = 1.3 (P/E*)^(2/3), solved for E by hand: E*/P = (1.3/0.015)^1.5 = 807."""
     youngs = contact.softened_modulus(1e4, 1e4 / 3, 0.3)
     assert contact.effective_modulus(youngs, 0.3) / 1e4 == pytest.approx(807, rel=0.01)
     assert contact.softened_modulus(1e4, 3e4, 0.3) > youngs  # a high peak asks for more
+
+
+def test_under_a_high_peak_the_softened_modulus_follows_its_percentile() -> None:
+    """3.3 (P/E*)^(2/3) = 0.05, solved by hand: E*/P = 66^1.5 = 536.19; E = 2 (1 − 0.09) E*."""
+    assert contact.softened_modulus(1e4, 3e4, 0.3) == pytest.approx(536.19 * 3e4 * 1.82, rel=1e-4)
+
+
+def test_a_slot_lets_through_what_its_formula_says() -> None:
+    """2 m by 24 cm, spheres of 10 cm: 1.03 √9.81 · 2 · 0.1^1.5 = 0.20403 m³/s, by hand."""
+    assert contact.slot_flow(2.0, 0.24, 0.1) == pytest.approx(0.20403, rel=1e-4)
 
 
 def test_a_bed_that_overlaps_twice_as_much_as_it_may_needs_almost_three_times_the_stiffness() -> None:

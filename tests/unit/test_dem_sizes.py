@@ -52,6 +52,11 @@ def test_d90_is_the_diameter_that_ninety_percent_of_the_mass_stays_below() -> No
     assert classes.d90 == 4.0
 
 
+def test_the_sauter_diameter_is_that_of_volume_over_surface() -> None:
+    """Eight spheres of radius 1 and one of 2: d = 2 (8 + 8)/(8 + 4)."""
+    assert SizeClasses(np.array([1.0, 2.0]), np.array([8 / 9, 1 / 9])).sauter_diameter == pytest.approx(8 / 3)
+
+
 def test_coarse_graining_enlarges_and_keeps_the_shares() -> None:
     classes = make(radius={"normal": {"mean": 0.06, "std": 0.02, "min": 0.02, "max": 0.10}})
     larger = classes.enlarged(2)

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fakes.sums import NOTHING
 from scipy import stats
 
 from granpipe.errors import DataError
 from granpipe.field import Grid
-from granpipe.homogenize.average import Collector, Sums, merge
+from granpipe.homogenize.average import Collector, merge
 from granpipe.homogenize.statistics import (
     blocks,
     effective_samples,
@@ -70,26 +71,10 @@ def test_a_short_series_is_kept():
 
 
 def segments(values):
-    grid = Grid.covering(0.1, 0.0, 0.1, 0.05)
-    zero = np.zeros((2, 2))
-    base = Sums(
-        grid=grid,
-        sampling="velocity",
-        start=0.0,
-        stop=1.0,
-        duration=1.0,
-        weight=1.0,
-        volume=zero,
-        flow_r=np.zeros((2, 3)),
-        flow_z=np.zeros((3, 2)),
-        gain=zero,
-        time=np.zeros(1),
-        level_flow=np.zeros((1, 3)),
-        solids=np.zeros(1),
-        kinetic=np.zeros(1),
-        count=np.zeros(1),
-    )
-    return [replace(base, start=float(at), stop=at + 1.0, volume=zero + value) for at, value in enumerate(values)]
+    return [
+        replace(NOTHING, start=float(at), stop=at + 1.0, volume=np.full((2, 2), value))
+        for at, value in enumerate(values)
+    ]
 
 
 @pytest.mark.parametrize(("count", "length", "number"), [(7, 1, 7), (13, 1, 13), (14, 2, 7), (23, 3, 7), (60, 8, 7)])
@@ -141,6 +126,11 @@ def test_the_standard_error_of_few_effective_samples_is_that_of_so_many():
     assert standard_error(values, 25) == pytest.approx(standard_error(values[::8]), rel=1e-12)
 
 
+def test_the_standard_error_of_five_numbers_is_that_of_the_textbook():
+    """1 … 5: the sample's standard deviation √2.5 over √5."""
+    assert standard_error(np.arange(1.0, 6)) == pytest.approx(np.sqrt(0.5))
+
+
 def test_blocks_never_join_two_runs():
     parts = [replace(part, run=run) for run in (1, 0) for part in segments(range(10))]
     made = blocks(parts)
@@ -158,6 +148,43 @@ def test_a_trend_is_told_from_noise():
     found = trend(3 * np.arange(12) / 11 + 0.1 * rng.normal(size=12))
     assert found.change == pytest.approx(3, abs=0.3)
     assert found.p_value < 1e-6
+
+
+def test_a_straight_line_changes_by_what_lies_between_its_ends():
+    assert trend(7 + 3 * np.arange(12) / 11).change == pytest.approx(3, rel=1e-9)
+
+
+class Wreath:
+    """36 spheres on a circle that fall at 0.1 (1 + a cos(θ − 0.7) + 0.2 cos(2θ + 0.3)) m/s and turn."""
+
+    def __init__(self, lean, spin):
+        angle = 2 * np.pi * np.arange(36) / 36
+        self.id, self.radius = np.arange(36), np.full(36, 0.01)
+        self.position = np.column_stack([0.1 * np.cos(angle), 0.1 * np.sin(angle), np.full(36, 0.2)])
+        w = -0.1 * (1 + lean * np.cos(angle - 0.7) + 0.2 * np.cos(2 * angle + 0.3))
+        self.velocity = np.column_stack([-spin * np.sin(angle), spin * np.cos(angle), w])
+
+
+def test_amplitudes_swirl_and_errors_of_a_wreath_are_exact():
+    """A lean of 0.2 and 0.4, a turn of 0.01 and 0.03 m/s in turns, ten times: errors are half the difference over √9;
+    that of an amplitude is the root mean square of two components, over which the lean's phase spreads it."""
+    collector, parts = Collector(Grid.covering(0.2, 0.0, 0.4, 0.1)), []
+    for number in range(10):
+        collector.add(float(number), Wreath(*((0.2, 0.01), (0.4, 0.03))[number % 2]))
+        parts.append(collector.take())
+    found = off_centre(parts, (0.0, 0.4))
+    np.testing.assert_allclose(found.amplitude, [0.3, 0.2], rtol=1e-6)
+    np.testing.assert_allclose(found.amplitude_se, [0.1 / 3 / np.sqrt(2), 0], rtol=1e-6, atol=1e-9)
+    assert found.swirl == pytest.approx(0.2, rel=1e-6)
+    assert found.swirl_se == pytest.approx(0.1 / 3, rel=1e-6)
+
+
+def test_a_column_that_sinks_is_renewed_as_often_as_its_flow_says():
+    """In 3 s 0.05 m/s of solids flux leave a column of 0.1 m with a packing of 0.6: 2.5 times; its upper half 5."""
+    volume, flow = 0.6 * NOTHING.grid.cell_volume + np.zeros((2, 2)), -0.05 * NOTHING.grid.ring_area + np.zeros((3, 2))
+    column = replace(NOTHING, weight=4.0, duration=3.0, volume=4 * volume, flow_z=4 * flow)
+    assert turnovers(column, (0.0, 0.1)) == pytest.approx(2.5)
+    assert turnovers(column, (0.05, 0.1)) == pytest.approx(5)
 
 
 class Rain:

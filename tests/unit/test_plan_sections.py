@@ -210,6 +210,24 @@ def test_no_more_is_asked_of_an_opening_than_falls_freely(model: str) -> None:
         orifice(model, "1e9 t/h")
 
 
+def test_below_a_steep_cone_more_falls_as_rose_and_tanaka_say() -> None:
+    """Through 48 mm below a cone of 20°, spheres of 2 mm: Beverloo times (tan 20°)^−0.35 = 1.424."""
+    most = 0.58 * math.sqrt(9.81) * (0.048 - 1.4 * 0.002) ** 2.5 * 1.4245
+    plan_of(hopper(20), flow_rate=f"{0.995 * most} m^3/s", model="dem", dem__max_time="10 s")
+    with pytest.raises(CaseError, match="times the free discharge"):
+        plan_of(hopper(20), flow_rate=f"{1.005 * most} m^3/s", model="dem", dem__max_time="10 s")
+
+
+def test_a_mass_flow_of_unknown_packing_is_taken_at_that_of_spheres() -> None:
+    """0.58 of 2500 kg/m³ is 1450 kg/m³; 1500 where the case says so."""
+    most = 0.58 * math.sqrt(9.81) * (0.18 - 1.4 * 0.002) ** 2.5
+    for bulk, density in (("wall_friction_angle: 20 deg", 1450.0), ("bulk_density: 1500", 1500.0)):
+        kind = {"bulk": bulk, "model": "dem", "dem__max_time": "10 s"}
+        plan_of("[[90, 400], [90, 0]]", flow_rate=f"{0.995 * most * density} kg/s", **kind)
+        with pytest.raises(CaseError, match="times the free discharge"):
+            plan_of("[[90, 400], [90, 0]]", flow_rate=f"{1.005 * most * density} kg/s", **kind)
+
+
 def test_openings_beside_each_other_share_the_flow() -> None:
     """A free ring leaves a hole of 60 mm and a gap of 30 mm: neither bounds the flow alone, both together do."""
     ring = "{ring: [[30, 190], [60, 190], [60, 200], [30, 200]]}"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -71,6 +73,17 @@ def test_a_bed_after_hertz_is_within_its_limits_after_one_more_choice(
     assert {c.name for c in plan.decisions} == {c.name for c in first.decisions}
     assert plan.breaches == ()
     assert plan.case == first.case
+
+
+@pytest.mark.parametrize("excess", [1.5, 2.0, 2.5, 3.0])
+def test_a_tenth_is_put_on_the_modulus_that_hertz_asks_for(
+    excess: float, tiny: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Overlap goes with E^(−2/3); two digits, rounded up."""
+    plan, tried = with_checked_stiffness(tiny, lambda _: (0.015 * excess, 0.0), monkeypatch)
+    for one, other in pairwise([*tried, plan.dem.youngs_modulus]):
+        digits = 10 ** (math.floor(math.log10(1.1 * excess**1.5 * one)) - 1)
+        assert other == pytest.approx(math.ceil(1.1 * excess**1.5 * one / digits) * digits)
 
 
 def test_it_is_chosen_again_twice_at_the_most(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,9 +21,9 @@ def average() -> Sums:
         duration=1.0,
         weight=1.0,
         volume=0.6 * np.ones(grid.shape) * grid.cell_volume,
-        flow_r=np.zeros((grid.shape[0], grid.shape[1] + 1)),
+        flow_r=1e-3 * np.ones((grid.shape[0], grid.shape[1] + 1)),
         flow_z=-0.01 * np.ones((grid.shape[0] + 1, grid.shape[1])) * grid.ring_area,
-        gain=np.zeros(grid.shape),
+        gain=1e-4 * np.ones(grid.shape),
         time=ones,
         level_flow=np.ones((1, grid.shape[0] + 1)),
         solids=ones,
@@ -43,6 +43,8 @@ def test_velocities_stay_and_packing_falls():
     (rigid,) = as_rigid([sums], 0.01)
     assert rigid.volume.sum() == pytest.approx(0.970299 * sums.volume.sum())
     np.testing.assert_allclose(rigid.flow_z[:-1] / rigid.volume, sums.flow_z[:-1] / sums.volume)
+    for name in ("flow_r", "gain", "level_flow", "solids"):
+        np.testing.assert_allclose(getattr(rigid, name), 0.970299 * getattr(sums, name))
     np.testing.assert_allclose(rigid.extra["class_volume"], 0.970299)
     np.testing.assert_array_equal(rigid.extra["wall_slide"], sums.extra["wall_slide"])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,10 @@ def test_at_rest_is_what_is_slower_than_a_fiftieth_of_the_mean():
     flux = np.where(GRID.r_centres < 0.5, 0.6 * 0.021, 0.6 * 0.019)
     assert stagnant_area(filled_to(1.2, flux), (0.0, 2.0)) == pytest.approx(0.3 * 1.2)
     assert stagnant_area(filled_to(1.2, flux), (0.0, 2.0), part=0.018) == 0
+
+
+def test_what_is_at_rest_does_not_depend_on_the_flow_rate_of_the_process():
+    flux = np.where(GRID.r_centres < 0.5, 0.6 * 0.021, 0.6 * 0.019)
+    slower = replace(filled_to(1.2, flux), flow_scale=0.01)
+    assert stagnant_area(slower, (0.0, 2.0)) == pytest.approx(0.3 * 1.2)
+    assert stagnant_area(slower, (0.0, 2.0), part=0.018) == 0

@@ -1,6 +1,7 @@
 """The law of the wall factor, what a case gets by it, and the error that plan and result tell."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -34,6 +35,23 @@ def test_rougher_and_flatter_walls_are_slower_and_never_turn() -> None:
     ]
     assert all(a > b > 0 for row in factors for a, b in pairwise(row))
     assert all(a > b for column in zip(*factors, strict=True) for a, b in pairwise(column))
+
+
+def test_the_law_is_that_of_its_formula() -> None:
+    """exp(−3 (1 − e^−1.5) tan^1.5 0.5), by hand: exp(−3 · 0.77687 · 0.40379)."""
+    assert LAW.factor(0.5, 0.3) == pytest.approx(0.39021, abs=2e-5)
+
+
+@pytest.mark.parametrize("coefficient", ["strength", "friction_scale", "exponent"])
+@pytest.mark.parametrize("change", [0.95, 1.05])
+def test_no_other_coefficients_meet_what_was_measured_better(coefficient: str, change: float) -> None:
+    law = wall_factor_law()
+    other = replace(law, **{coefficient: change * getattr(law, coefficient)})
+    best, worse = (
+        sum((one.factor(cone.half_angle, cone.friction) - cone.factor) ** 2 for cone in law.cones)
+        for one in (law, other)
+    )
+    assert best < worse
 
 
 def test_the_law_meets_what_was_measured_within_its_scatter() -> None:

@@ -1,0 +1,36 @@
+"""The time of production, by numbers that follow by hand from the rules that the module states."""
+
+from __future__ import annotations
+
+import pytest
+
+from granpipe.dem.duration import dumps_per_segment, duration
+
+
+@pytest.mark.parametrize(
+    ("filled", "error", "least", "expected", "time", "room"),
+    [
+        (1.0, None, 1.2, 0.0, 1.2, 9.6),  # six diameters of 0.1 m in a section of twice the outlet's area
+        (10.0, None, 2.5, 0.0, 2.5, 20.0),  # a quarter of a content of 10 m over the outlet
+        (1.0, 0.05, 1.2, 1.6, 3.2, 9.6),  # twice (0.1/0.05)² diameters there, and as much again in reserve
+        (1.0, 0.01, 1.2, 40.0, 80.0, 153.6),  # the room is doubled until the time fits in
+    ],
+)
+def test_the_time_is_that_of_the_travel_the_content_or_the_error(
+    filled: float, error: float | None, least: float, expected: float, time: float, room: float
+) -> None:
+    found = duration(None, error, speed=1.0, ratio=2.0, filled=filled, diameter=0.1)
+    assert (found.least, found.expected) == (pytest.approx(least), pytest.approx(expected))
+    assert (found.time, found.room) == (pytest.approx(time), pytest.approx(room))
+    slow = duration(None, error, speed=0.1, ratio=2.0, filled=filled, diameter=0.1)
+    assert slow.time == pytest.approx(10 * time)
+
+
+def test_a_given_time_is_kept_and_warned_about_below_nine_tenths_of_what_is_needed() -> None:
+    assert duration(1.1, None, 1.0, 2.0, 1.0, 0.1).warning == ""
+    assert "try 1.2 s" in duration(1.07, None, 1.0, 2.0, 1.0, 0.1).warning
+
+
+def test_segments_are_one_interval_or_as_many_as_keep_them_within_1024() -> None:
+    assert dumps_per_segment(102.4, 0.1) == 1
+    assert dumps_per_segment(102.6, 0.1) == 2
