@@ -13,7 +13,7 @@ from granpipe.errors import DataError, RunError
 from granpipe.field import Field
 from granpipe.geometry.outline import Outline
 from granpipe.pipeline.field_vessel import check_vessel
-from granpipe.system.manifest import has_manifest, read_manifest, verify
+from granpipe.system.manifest import MANIFEST, read_manifest, verify
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def plot_result(folder: Path, what: str, z: float | None, out: Path | None) -> P
 
     Raises
     ------
-    DataError : the folder holds no field, or the field does not have what is to be drawn
+    DataError : the folder holds no field or a damaged one, or the field does not have what is to be drawn
     RunError : the file exists
     """
     field, case = _opened(folder)
@@ -60,7 +60,7 @@ def plot_result(folder: Path, what: str, z: float | None, out: Path | None) -> P
 
 def _opened(folder: Path) -> tuple[Field, Case | None]:
     known = ("field.npz", "case.yaml")
-    if has_manifest(folder):
+    if (folder / MANIFEST).exists():
         verify(folder, *(name for name in known if name in read_manifest(folder)))
     field = Field.load(folder / "field.npz")
     if len(field.grid.shape) == 3:

@@ -59,12 +59,17 @@ def publishing_new(target: Path) -> Iterator[Path]:
     ------
     RunError : something is there
     """
+    _check_new(target)
     with locked(lock_file(target), lambda owner: f"{owner} is writing {target}; wait for it"):
-        if os.path.lexists(target):
-            raise RunError(f"{target} exists already; choose another --out")
+        _check_new(target)
         remove_leftovers(target)
         with publishing(target) as folder:
             yield folder
+
+
+def _check_new(target: Path) -> None:
+    if os.path.lexists(target):
+        raise RunError(f"{target} exists already; choose another --out")
 
 
 def lock_file(target: Path) -> Path:

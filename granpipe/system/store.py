@@ -171,6 +171,6 @@ def _is_marked(folder: Path) -> bool:
     """Whether the marker in a folder of the store says that granpipe made it: the key is part of the folder's name."""
     with contextlib.suppress(OSError, ValueError, RecursionError):
         match json.loads(read_bytes(folder / _MARKER, MOST_BYTES)):
-            case {"stage": str(), "key": str(key)}:
+            case {"stage": str(stage), "key": str(key)} if stage and key:
                 return f"-{key}" in folder.name
     return False

@@ -49,6 +49,14 @@ def test_a_file_that_is_there_is_not_replaced(result: Path) -> None:
     assert Path("mine.png").read_text() == "precious"
 
 
+@pytest.mark.parametrize("text", ["", "null", "{}", "[" * 100_000])
+def test_a_damaged_manifest_is_not_taken_for_none(text: str, result: Path) -> None:
+    (result / "manifest.json").write_text(text)
+    done = plot("silo")
+    assert done.exit_code == 3
+    assert "manifest.json: damaged" in done.output
+
+
 @pytest.mark.parametrize("text", ["4.4", "r=0.2", "z=", "z=up", "=1"])
 def test_a_profile_that_is_no_level_is_refused(text: str, result: Path) -> None:
     done = plot("silo", "--profile", text)

@@ -122,6 +122,15 @@ def test_the_field_of_another_vessel_is_not_taken_for_that_of_the_case(
             use()
 
 
+@pytest.mark.parametrize("name", ["", ".", "/"])
+def test_a_folder_without_a_name_is_there_already(
+    name: str, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RunError, match="exists already"):
+        scale_results(results, case_at("1 m^3/h"), Path(name))
+
+
 def test_an_existing_folder_is_not_overwritten(results: Path, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="exists already"):
         scale_results(results, case_at("1 m^3/h"), results)

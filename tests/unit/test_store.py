@@ -201,10 +201,12 @@ def test_clearing_deletes_stages_and_nothing_else(tmp_path: Path) -> None:
     (store.begin("produce", "b") / "segment-00001").mkdir()
     shutil.copytree(store.folder("walls", "a"), scratch / "copy-of-walls")
     (scratch / "walls-c").symlink_to(scratch / "walls-a")
+    (scratch / "my-paper").mkdir()
+    (scratch / "my-paper" / "stage.json").write_text('{"stage": "x", "key": ""}')
     freed, foreign = store.clear()
     assert freed > 8
-    assert {path.name for path in scratch.iterdir()} == {"my-thesis", "notes", "copy-of-walls", "walls-c"}
-    assert [path.name for path in foreign] == ["copy-of-walls", "my-thesis"]
+    assert {path.name for path in scratch.iterdir()} == {"my-thesis", "my-paper", "notes", "copy-of-walls", "walls-c"}
+    assert [path.name for path in foreign] == ["copy-of-walls", "my-paper", "my-thesis"]
     assert (scratch / "my-thesis" / "chapter").read_text() == "years of work"
     assert (tmp_path / "results" / ".store").is_symlink()
 
