@@ -1,8 +1,10 @@
 """Error of the frictional fluid against DEM, section by section, beside the viscous fluid and the kinematic model.
 
-`pack` makes the small references of results of DEM runs (the cones of benchmarks/wall_factor.py, cases/reactor.yaml):
-benchmarks/references/friction/. `page` solves for each reference, with parameters by the law of contact and bulk, none
-fitted to it, and writes docs/validation/friction_fluid.md.
+`cases` writes the case files of benchmarks/friction_scenes.py, for `granpipe run`. `pack` makes the small references
+of results of DEM runs (those, the cones of benchmarks/wall_factor.py, cases/reactor.yaml):
+benchmarks/references/friction/. `order` tells from results how far particles in flow are layered along walls. `page`
+solves for each reference, with parameters by the law of contact and bulk, none fitted to it, and writes
+docs/validation/friction_fluid.md.
 """
 
 from __future__ import annotations
@@ -13,18 +15,22 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import yaml
+from friction_scenes import write
+from scipy.optimize import minimize_scalar
 
 from granpipe.analysis.compare import compare
 from granpipe.case.reader import read_case
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import GranpipeError
-from granpipe.field import Field, Grid, flux_from_psi
+from granpipe.field import Field, Grid, flux_from_psi, section_rows
+from granpipe.fluid import wall_packing
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.pipeline.fluid_field import section_mesh, wall_law
-from granpipe.pipeline.frictional_field import solve_plan
+from granpipe.pipeline.frictional_field import from_solids, solve_plan
 from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan, make_plan
@@ -45,14 +51,24 @@ class Reference:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["pack", "page"])
+    parser.add_argument("what", choices=["cases", "pack", "order", "page"])
     parser.add_argument(
-        "results", type=Path, nargs="*", help="pack: folders <name> of results, with <name>.yaml beside"
+        "results",
+        type=Path,
+        nargs="*",
+        help="pack, order: results <name>, with <name>.yaml beside; cases: a folder",
     )
     parser.add_argument("--only", nargs="*", default=[], help="page: names of references")
     parser.add_argument("--references", type=Path, default=HERE / "references" / "friction")
     parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation" / "friction_fluid.md")
     options = parser.parse_args()
+    if options.what == "cases":
+        write(*options.results)
+        return
+    if options.what == "order":
+        for folder in options.results:
+            print(f"{folder.name:<28} {order(folder):.2f}")
+        return
     if options.what == "pack":
         options.references.mkdir(parents=True, exist_ok=True)
         for folder in options.results:
@@ -85,6 +101,30 @@ def pack(folder: Path, references: Path) -> None:
     case["material"]["bulk_density"] = f"{density:.4g} kg/m^3"
     case |= {"model": "fluid", "fluid": {"rheology": "frictional"}, "export": [], "figures": []}
     (references / f"{folder.name}.yaml").write_text(yaml.safe_dump(case, sort_keys=False))
+
+
+def order(folder: Path) -> float:
+    """The part of a poured bed's layering that fits the packing along the walls of a hopper best, by its RMS."""
+    field = Field.load(folder / "field.npz")
+    plan = make_plan(read_case(folder.with_suffix(".yaml")).case)
+    grid, classes = field.grid, plan.dem.classes
+    low, high = (0.5 * (from_solids(plan)[i:][: grid.shape[0]]) for i in (0, 1))
+    distance = low + high
+    rows = section_rows(grid, plan.case.outline.levels)["hopper"][:, None]
+    assert field.packing_fraction is not None
+    weight = np.where(rows & (field.inside_fraction > 0.99), grid.ring_area, 0.0)
+    packing = np.nan_to_num(field.packing_fraction)
+    far, near = (
+        weight * one for one in (distance > 2.5 * classes.sauter_diameter, distance < 2.5 * classes.sauter_diameter)
+    )
+    packing /= (far * packing).sum() / far.sum()
+
+    def misfit(part: float) -> float:
+        with patch.object(wall_packing, "ORDER", part):
+            made = wall_packing.mean_wall_packing(distance, grid.cell, 2 * classes.radius, classes.mass_share)
+        return float((near * (packing - made) ** 2).sum())
+
+    return float(minimize_scalar(misfit, bounds=(0, 2), method="bounded").x)
 
 
 def load(references: Path, name: str) -> Reference:

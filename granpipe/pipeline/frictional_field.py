@@ -13,7 +13,7 @@ from granpipe.fluid.fictitious import FluidSolution, to_field
 from granpipe.fluid.friction_law import LENGTH, FrictionLaw
 from granpipe.fluid.frictional import FrictionSolution
 from granpipe.fluid.frictional_vessel import SURFACE, Outlet, solve_frictional
-from granpipe.fluid.volume_average import WIDTH, volume_averaged
+from granpipe.fluid.wall_packing import packed_along_walls
 from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.section import mesh_section
@@ -91,12 +91,13 @@ def solve_plan(plan: Plan, friction: BulkFriction, regularization: float = Frict
     case = plan.case
     packing = case.material.packing
     assert packing is not None  # the plan of a fluid refuses a case without bulk density
-    diameter = size_classes(case.material.size).sauter_diameter
-    law = FrictionLaw(friction.internal, friction.wall, LENGTH * diameter, regularization)
+    classes = size_classes(case.material.size)
+    law = FrictionLaw(friction.internal, friction.wall, LENGTH * classes.sauter_diameter, regularization)
     empty = voids(plan.outline, friction.repose)
     solution, found = solve_frictional(friction_mesh(plan, empty), law, target_flow(case, packing), _outlet(plan))
     inside = plan.outline.inside_fraction(plan.grid)
-    field = volume_averaged(to_field(solution, plan.grid, inside, packing), WIDTH * diameter)
+    field = to_field(solution, plan.grid, inside, packing)
+    field = packed_along_walls(field, from_solids(plan), 2 * classes.radius, classes.mass_share)
     return Solved(replace(field, bulk=field.bulk & ~_in_any(empty, plan)), solution, found)
 
 
@@ -127,6 +128,16 @@ def _outlet(plan: Plan) -> Outlet:
     if fluid.annulus is not None:
         return Outlet("plate", fluid.annulus)
     return Outlet("open" if plan.case.dem.outlet == "open" and fluid.outlet_profile == "developed" else "plate")
+
+
+def from_solids(plan: Plan) -> Array:
+    """(nz+1, nr) distance from the middle of each horizontal face of the grid to the nearest wall or obstacle [m]."""
+    import shapely
+
+    outline, grid = plan.outline, plan.grid
+    solids = [shapely.LineString(outline.wall), *(shapely.Polygon(p) for p in outline.obstacles.values())]
+    r, z = np.meshgrid(grid.r_centres, grid.z_edges)
+    return np.asarray(shapely.distance(shapely.points(r, z), shapely.union_all(solids)))
 
 
 def _in_any(polygons: list[Array], plan: Plan) -> Mask:
