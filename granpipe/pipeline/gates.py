@@ -336,7 +336,7 @@ LEAST_ASYMMETRY = 4
 _SHAPES = ("to one side", "to two sides")
 
 
-def level_flow_gates(raw_flow: Array, gathered: Array, solids_flow: float) -> list[Gate]:
+def level_flow_gates(raw_flow: Array, gathered: Array, solids_flow: float, duration: float) -> list[Gate]:
     """Balance of every level (n,) before any adjustment against the flow in the plug [m³/s].
 
     Parameters
@@ -344,9 +344,15 @@ def level_flow_gates(raw_flow: Array, gathered: Array, solids_flow: float) -> li
     raw_flow : through every level
     gathered : what of it the change of the filling between the plug and the level explains
     solids_flow : in the plug
+    duration : simulated time that was averaged [s], for a forecast of what is missing
     """
     balance = np.abs((raw_flow - gathered) / solids_flow - 1)
-    return [LEVEL_FLOW.gate(float(balance.max())), STORAGE.gate(float(np.abs(gathered / solids_flow).max()))]
+    storage = float(np.abs(gathered / solids_flow).max())
+    remedy = None
+    if storage > STORAGE.high:  # a volume that fills or empties once is a share of the flow that falls as 1/t
+        more = duration * (storage / STORAGE.high - 1)
+        remedy = f"{STORAGE.remedy}, about {more:.2g} s more if no other part of the vessel begins to fill"
+    return [LEVEL_FLOW.gate(float(balance.max())), STORAGE.gate(storage, remedy=remedy)]
 
 
 def error_gates(errors: Mapping[str, float], effective: float, target: float, duration: float) -> list[Gate]:

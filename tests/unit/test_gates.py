@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from granpipe.field import Field, Grid, flux_from_psi
-from granpipe.pipeline.gates import GATES, NOTES, PACKING, SMOOTHING, asymmetry_gate, run_notes, upward_gate
+from granpipe.pipeline.gates import (
+    GATES,
+    NOTES,
+    PACKING,
+    SMOOTHING,
+    asymmetry_gate,
+    level_flow_gates,
+    run_notes,
+    upward_gate,
+)
 from granpipe.pipeline.gates_page import gates_page
 
 ROOT = Path(__file__).parents[2]
@@ -109,3 +119,16 @@ def test_a_bulk_density_that_the_simulated_bed_does_not_have_is_told() -> None:
     assert "0.450, the simulated bed has 0.586" in note
     assert run_notes({"bulk_packing": 0.58, "measured_packing": 0.586}) == []
     assert run_notes({"bulk_packing": 0.58, "measured_packing": None}) == []
+
+
+def test_the_time_that_is_advised_dilutes_a_volume_that_is_filled_once_to_the_limit() -> None:
+    flow, filled, time = 2e-3, 3.6e-3, 10.0  # m³/s, m³, s: 18 % of the flow of 10 s
+    gathered = np.array([0.0, filled / time, 0.0])
+    gate = level_flow_gates(flow + gathered, gathered, flow, time)[1]
+    assert (gate.value, gate.passed) == (pytest.approx(0.18), False)
+    more = float(re.search(r"about ([\d.]+) s more", gate.limit)[1])
+    assert filled / (time + more) / flow == pytest.approx(0.1, rel=0.02)
+    assert level_flow_gates(flow + gathered / 2, gathered / 2, flow, time)[1].passed
+    for empty in (np.zeros(3), -gathered):  # emptying counts as filling does
+        gate = level_flow_gates(flow + empty, empty, flow, time)[1]
+        assert ("s more" in gate.limit) == (not gate.passed)
