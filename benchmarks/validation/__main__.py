@@ -1,0 +1,48 @@
+"""`make validation`: runs the cases that are missing, and writes docs/validation/validation.md."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from validation.page import write_page
+from validation.suite import CASES, results_of, run_piece, wanted
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@click.command()
+@click.argument("what", type=click.Choice(["run", "page", "names"]))
+@click.option("--only", multiple=True, help="Name of a case; default: all.")
+@click.option("--piece", multiple=True, help="Name of a piece; default: all.")
+@click.option("--short", is_flag=True, help="The short form of `make verify`; ends with status 4 if a verdict fails.")
+@click.option("--results", type=click.Path(path_type=Path), default=ROOT / "results" / "validation")
+@click.option("--data", type=click.Path(path_type=Path), default=ROOT / "benchmarks" / "references" / "validation")
+@click.option("--out", type=click.Path(path_type=Path), default=ROOT / "docs" / "validation")
+def main(
+    what: str, only: tuple[str, ...], piece: tuple[str, ...], short: bool, results: Path, data: Path, out: Path
+) -> None:
+    """Pieces whose results are in DATA are not run again: delete its files to begin anew."""
+    try:
+        pieces = [(case, name) for case, name in wanted(only, short) if not piece or name in piece]
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+    if what == "names":
+        click.echo("\n".join(f"{case.name} {name}" for case, name in pieces))
+        return
+    if what == "run":
+        for case, name in pieces:
+            run_piece(case, name, results, data)
+    if short:
+        judged = [one for case in CASES if (found := results_of(case, data)[0]) for one in case.judge(found)]
+        for one in judged:
+            click.echo(f"{one.quantity}: others {one.expected}, granpipe {one.found}: {one.word}")
+        sys.exit(4 if any(one.passed is False for one in judged) else 0)
+    if not piece:
+        click.echo(write_page(data, out))
+
+
+if __name__ == "__main__":
+    main()

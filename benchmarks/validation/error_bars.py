@@ -1,0 +1,100 @@
+"""Error bars of single runs against the scatter of several fillings."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+from validation.case import Case, Data, Verdict
+from validation.simulate import rounded, run_scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+HERE = Path(__file__).resolve().parent
+SEEDS = range(1, 7)
+NAMES = ("raw_flux_r", "raw_flux_z", "flux_r", "flux_z")
+FLOWING = 0.05  # of the RMS vertical flux
+RATIO, COVERAGE = (0.9, 1.1), (0.93, 0.97)
+
+
+def filling(folder: Path, seed: int) -> Data:
+    """One filling of the smoke case: fluxes, standard errors, effective blocks."""
+    text = (HERE.parents[1] / "cases" / "smoke.yaml").read_text()
+    text = text.replace("name: smoke", f"name: seed{seed}")
+    text = text.replace("dem: {max_time: 8 s}", f"dem: {{max_time: 12 s, seed: {seed}, ranks: 1}}")
+    field, figures = run_scene(f"seed{seed}", text + "\nexport: []\nfigures: []\n", folder)
+    found = {"effective": figures["effective_blocks"], "speed": float(np.sqrt(np.mean(field.raw_flux_z**2)))}
+    for name in NAMES:
+        found[name] = rounded(getattr(field, name), 4)
+        found[f"{name}_se"] = rounded(getattr(field, f"{name}_se"), 3)
+    return found
+
+
+def measured(data: Data, name: str) -> tuple[float, float]:
+    """Scatter of the fillings over what they claim, and the share of 95 % intervals that hold the others' mean."""
+    flux = np.array([one[name] for one in data.values()])
+    error = np.array([one[f"{name}_se"] for one in data.values()])
+    flowing = np.abs(flux.mean(axis=0)) > FLOWING * np.mean([one["speed"] for one in data.values()])
+    ratio = np.sqrt(flux.var(axis=0, ddof=1)[flowing].sum() / (error**2).mean(axis=0)[flowing].sum())
+    share = np.sqrt(1 + 1 / (len(flux) - 1))  # the others' mean has an error, too
+    held = []
+    for at, one in enumerate(data.values()):
+        width = share * stats.t.ppf(0.975, max(one["effective"] - 1, 1.0)) * error[at]
+        held.append((np.abs(flux[at] - np.delete(flux, at, axis=0).mean(axis=0)) <= width)[flowing].mean())
+    return float(ratio), float(np.mean(held))
+
+
+def judge(data: Data) -> list[Verdict]:
+    verdicts = []
+    for name in NAMES if len(data) > 2 else ():
+        ratio, held = measured(data, name)
+        label = "plain average" if name.startswith("raw") else "ψ fit"
+        label += ", radial" if name.endswith("r") else ", vertical"
+        verdicts.append(
+            Verdict(f"scatter over claimed error, {label}", "0.9 to 1.1", f"{ratio:.2f}", RATIO[0] <= ratio <= RATIO[1])
+        )
+        verdicts.append(
+            Verdict(f"95 % intervals, {label}", "93 to 97 %", f"{100 * held:.1f} %", COVERAGE[0] <= held <= COVERAGE[1])
+        )
+    return verdicts
+
+
+def draw(data: Data, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    levels = np.linspace(0.5, 0.99, 50)
+    for name in NAMES:
+        flux = np.array([one[name] for one in data.values()])
+        error = np.array([one[f"{name}_se"] for one in data.values()])
+        flowing = np.abs(flux.mean(axis=0)) > FLOWING * np.mean([one["speed"] for one in data.values()])
+        share = np.sqrt(1 + 1 / (len(flux) - 1))
+        held = np.zeros_like(levels)
+        for at, one in enumerate(data.values()):
+            off = np.abs(flux[at] - np.delete(flux, at, axis=0).mean(axis=0))[flowing] / error[at][flowing] / share
+            quantile = stats.t.ppf(0.5 + 0.5 * levels, max(one["effective"] - 1, 1.0))
+            held += (off[:, None] <= quantile).mean(axis=0) / len(data)
+        axes.plot(levels, held, label=name)
+    axes.plot(levels, levels, color="0.6", lw=0.8)
+    axes.set(xlabel="confidence claimed", ylabel="share of intervals that hold the others' mean")
+    axes.legend(fontsize=8)
+
+
+CASE = Case(
+    name="error_bars",
+    title="Error bars against other fillings",
+    about=f"""
+        {len(SEEDS)} fillings of cases/smoke.yaml, each averaged from 2 to 12 s, at all faces that carry more than 5 %
+        of the RMS vertical flux. Scatter: standard deviation between fillings over the RMS standard error that each
+        run tells of itself. Intervals: how often the 95 % interval of one run (Student's t with its effective number
+        of blocks) holds the mean of the others, whose own error is allowed for.
+    """,
+    source="Repetition: what a standard error means.",
+    criterion="Scatter over claimed error 0.9 to 1.1; 93 to 97 % of the 95 % intervals hold.",
+    pieces={f"seed{seed}": partial(filling, seed=seed) for seed in SEEDS},
+    judge=judge,
+    draw=draw,
+)

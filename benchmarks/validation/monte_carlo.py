@@ -1,0 +1,158 @@
+"""The averages of the homogenizer against random points in the same particles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granpipe.dem.dump import first_step, read_snapshot
+from granpipe.dem.snapshot import OWN_COLUMNS, Snapshot
+from granpipe.field import Array, Grid
+from granpipe.homogenize.average import Collector
+from validation.case import Case, Data, Verdict
+from validation.simulate import production_of, rounded, run_scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+HERE = Path(__file__).resolve().parent
+POINTS = 4000  # per particle and snapshot
+SNAPSHOTS = 60
+TOLERANCE = 0.005
+CHUNK = 100  # particles
+
+
+def sample(folder: Path) -> Data:
+    """A short run of the smoke case that keeps its snapshots, averaged both ways."""
+    text = (HERE.parents[1] / "cases" / "smoke.yaml").read_text()
+    text = text.replace("dem: {max_time: 8 s}", "dem: {max_time: 4 s, keep_snapshots: all, ranks: 1}")
+    field, _ = run_scene("smoke", text + "\nexport: []\nfigures: []\n", folder)
+    plan, production = production_of("smoke", folder)
+    paths = sorted((production.folder / "snapshots").glob("*.bin"), key=first_step)[-SNAPSHOTS:]
+    times = [first_step(path) * plan.dem.time_step for path in paths]
+    snapshots = [read_snapshot(path, OWN_COLUMNS) for path in paths]
+    return compare(times, snapshots, field.grid)
+
+
+def compare(times: Sequence[float], snapshots: Sequence[Snapshot], grid: Grid) -> Data:
+    """Relative difference of volume and flows, noise of the random points taken off, and its 95 % bound."""
+    collector = Collector(grid, "displacement")
+    for time, snapshot in zip(times, snapshots, strict=True):
+        collector.add(time, snapshot)
+    sums = collector.take()
+    rng = np.random.default_rng(1)
+    halves = [sampled(times, snapshots, grid, rng, POINTS // 2) for _ in range(2)]
+    own = (sums.volume, sums.flow_r, sums.flow_z)
+    found = {"particles": len(snapshots[0]), "snapshots": len(snapshots), "points": POINTS}
+    for name, mine, one, other in zip(("volume", "flow_r", "flow_z"), own, *halves, strict=True):
+        noise = 0.25 * ((one - other) ** 2).sum()
+        square = ((mine - 0.5 * (one + other)) ** 2).sum()
+        cells = np.count_nonzero(mine)
+        bound = max(0.0, square - noise) + 1.645 * noise * np.sqrt(2 / cells)
+        size = (mine**2).sum()
+        found[name] = rounded([np.sqrt(value / size) for value in (square, noise, max(0.0, square - noise), bound)])
+    return found
+
+
+def sampled(
+    times: Sequence[float], snapshots: Sequence[Snapshot], grid: Grid, rng: np.random.Generator, points: int
+) -> tuple[Array, Array, Array]:
+    """Σ over pairs of snapshots of time × volume in cells, and of the volume that crosses faces, by random points."""
+    shape = grid.shape
+    volume, flow_r, flow_z = np.zeros(shape), np.zeros((shape[0], shape[1] + 1)), np.zeros((shape[0] + 1, shape[1]))
+    for (then, old), (now, new) in pairwise(zip(times, snapshots, strict=True)):
+        _, at_old, at_new = np.intersect1d(old.id, new.id, return_indices=True)
+        for first in range(0, len(at_old), CHUNK):
+            a, b = at_old[first : first + CHUNK], at_new[first : first + CHUNK]
+            offset = rng.normal(size=(len(a), points, 3))
+            offset *= (rng.random((len(a), points, 1)) ** (1 / 3)) / np.linalg.norm(offset, axis=2, keepdims=True)
+            offset *= new.radius[b][:, None, None]
+            start, stop = old.position[a][:, None] + offset, new.position[b][:, None] + offset
+            share = np.repeat(4 / 3 * np.pi * new.radius[b] ** 3 / points, points)
+            count(start.reshape(-1, 3), stop.reshape(-1, 3), share, now - then, grid, (volume, flow_r, flow_z))
+    return volume, flow_r, flow_z
+
+
+def count(
+    start: Array, stop: Array, share: Array, duration: float, grid: Grid, sums: tuple[Array, Array, Array]
+) -> None:
+    """Add points that move along straight lines: each at a random time of its way, and where it crosses faces."""
+    nz, nr = grid.shape
+    cell = grid.cell
+    low = grid.z_edges[0]
+    at = start + np.random.default_rng(len(start)).random((len(start), 1)) * (stop - start)
+    row, column = np.floor((at[:, 2] - low) / cell).astype(int), np.floor(np.hypot(*at[:, :2].T) / cell).astype(int)
+    inside = (row >= 0) & (row < nz) & (column < nr)
+    np.add.at(sums[0], (row[inside], column[inside]), duration * share[inside])
+    crossings(start[:, 2] - low, stop[:, 2] - low, np.hypot(start[:, 0], start[:, 1]), np.hypot(stop[:, 0], stop[:, 1]),
+              share, cell, sums[2])  # fmt: skip
+    turned = np.zeros((nr + 1, nz))
+    crossings(np.hypot(start[:, 0], start[:, 1]), np.hypot(stop[:, 0], stop[:, 1]), start[:, 2] - low, stop[:, 2] - low,
+              share, cell, turned)  # fmt: skip
+    sums[1][:] += turned.T
+
+
+def crossings(
+    start: Array, stop: Array, aside: Array, aside_stop: Array, share: Array, cell: float, flow: Array
+) -> None:
+    """Add the volume that crosses the faces at whole multiples of `cell`, at the place aside where it crosses."""
+    before, after = np.floor(start / cell).astype(int), np.floor(stop / cell).astype(int)
+    for way in (1, -1):
+        moving = np.flatnonzero((after - before) * way > 0)
+        for step in range(int(np.abs(after - before).max(initial=0))):
+            left = moving[np.abs(after - before)[moving] > step]
+            face = before[left] + (step + 1 if way > 0 else -step)
+            part = (face * cell - start[left]) / (stop[left] - start[left])
+            place = np.floor((aside[left] + part * (aside_stop - aside)[left]) / cell).astype(int)
+            inside = (face >= 0) & (face < len(flow)) & (place >= 0) & (place < flow.shape[1])
+            np.add.at(flow, (face[inside], place[inside]), way * share[left][inside])
+
+
+LABELS = {"volume": "solids in the cells", "flow_r": "flow through cylinders", "flow_z": "flow through levels"}
+
+
+def judge(data: Data) -> list[Verdict]:
+    found = data["sample"]
+    verdicts = []
+    for name, label in LABELS.items():
+        _, _, free, upper = found[name]
+        passed = True if upper <= TOLERANCE else (False if free > TOLERANCE else None)
+        text = f"differs by {100 * free:.2f} %, 95 % below {100 * upper:.2f} %"
+        verdicts.append(Verdict(label, f"{found['points']} points per particle", text, passed))
+    return verdicts
+
+
+def draw(data: Data, figure: Figure) -> None:
+    axes = figure.add_subplot()
+    found = data["sample"]
+    for place, name in enumerate(LABELS):
+        observed, noise, _, upper = found[name]
+        axes.bar([place - 0.25, place, place + 0.25], [100 * observed, 100 * noise, 100 * upper], width=0.22,
+                 color=["C0", "0.7", "C1"], label=["difference", "noise of the points", "95 % bound without noise"]
+                 if not place else None)  # fmt: skip
+    axes.axhline(100 * TOLERANCE, color="k", lw=0.8, ls="--")
+    axes.set_xticks(range(len(LABELS)), list(LABELS.values()))
+    axes.set_ylabel("%")
+    axes.legend(fontsize=8)
+
+
+CASE = Case(
+    name="monte_carlo",
+    title="The homogenizer against random points",
+    about=f"""
+        The last {SNAPSHOTS} snapshots of a run of cases/smoke.yaml are averaged twice: by the homogenizer, which
+        integrates the overlap of spheres and rings, and by random points that are placed in every particle, move with
+        it from snapshot to snapshot and are counted in cells and where they cross faces. Differences are relative RMS
+        values over all cells or faces; the noise of the points comes from two halves of them.
+    """,
+    source="Nothing but the definition of the averages; no code of granpipe but its reader of dumps.",
+    criterion="The 95 % bound of the difference without noise is at most 0.5 %.",
+    pieces={"sample": sample},
+    judge=judge,
+    draw=draw,
+    short=["sample"],
+)

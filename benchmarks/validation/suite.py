@@ -1,0 +1,67 @@
+"""All cases; running their pieces, each resumable; the files of results that the page is made from."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from granpipe.system.jsonfile import read_json, write_json
+from validation import beverloo, error_bars, hoppers, monte_carlo, other_code, repose
+from validation.case import Case, Data
+
+CASES: tuple[Case, ...] = (
+    monte_carlo.CASE,
+    error_bars.CASE,
+    other_code.CASE,
+    beverloo.CASE,
+    beverloo.SPREADING,
+    repose.CASE,
+    hoppers.CASE,
+)
+"""In the order of the page."""
+
+DATA_OF = {beverloo.SPREADING.name: beverloo.CASE.name}
+"""Cases that judge the results of another one."""
+
+
+def run_piece(case: Case, piece: str, results: Path, data: Path) -> None:
+    """Run a piece and keep what it found, unless it was found before."""
+    path = data / f"{case.name}.json"
+    if piece in (found := stored(path)):
+        return
+    print(f"{case.name}: {piece}", flush=True)
+    began = time.perf_counter()
+    values = case.pieces[piece](results / case.name)
+    seconds = round(time.perf_counter() - began, 1)
+    data.mkdir(parents=True, exist_ok=True)
+    made = f"{datetime.now(UTC):%Y-%m-%d}"
+    write_json(path, found | {piece: {"made": made, "seconds": seconds, "found": values}})
+
+
+def stored(path: Path) -> dict[str, Any]:
+    """What a file of results holds: piece → made, seconds, found."""
+    return dict(read_json(path)) if path.exists() else {}
+
+
+def results_of(case: Case, data: Path) -> tuple[Data, dict[str, Any]]:
+    """What the pieces of a case have found, in their order, and when and in what time."""
+    kept = stored(data / f"{DATA_OF.get(case.name, case.name)}.json")
+    owner = next(one for one in CASES if one.name == DATA_OF.get(case.name, case.name))
+    kept = {piece: kept[piece] for piece in owner.pieces if piece in kept}
+    return {piece: one["found"] for piece, one in kept.items()}, kept
+
+
+def wanted(names: Sequence[str], short: bool) -> list[tuple[Case, str]]:
+    """Pieces of the cases of some names (none: of all), or their short forms."""
+    unknown = set(names) - {case.name for case in CASES}
+    if unknown:
+        raise ValueError(f"no such case: {', '.join(sorted(unknown))}; there are {', '.join(c.name for c in CASES)}")
+    return [
+        (case, piece)
+        for case in CASES
+        if not names or case.name in names
+        for piece in (case.short if short else case.pieces)
+    ]
