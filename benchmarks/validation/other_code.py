@@ -203,7 +203,10 @@ def run_lammps(work: Path) -> float:
     RunError : it failed
     """
     lmp = program()
-    libraries = {"LD_LIBRARY_PATH": str(lmp.parent.parent / "lib"), "OMP_NUM_THREADS": "1"}
+    libraries = {
+        "LD_LIBRARY_PATH": os.environ.get("GRANPIPE_MPI", str(lmp.parent.parent / "lib")),
+        "OMP_NUM_THREADS": "1",
+    }
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     done = subprocess.run(
         [lmp, "-in", "in.hopper"], cwd=work, env=os.environ | libraries, capture_output=True, text=True

@@ -30,7 +30,7 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     yield ""
     yield "Made by `make validation`; `PYTHONPATH=benchmarks python -m validation page` makes it again from the results"
     yield "in `benchmarks/references/validation` without a run. granpipe is compared with what others have measured,"
-    yield "published or programmed. Every criterion was stated before the run, or says that it was not; what fails stays."
+    yield "published or programmed. Each criterion was stated before the run or says that it was not; what fails is shown."
     yield ""
     yield f"{len(every)} comparisons: {len(every) - failed - open_} hold, {failed} fail, {open_} are not resolved."
     yield ""
@@ -59,7 +59,7 @@ def section(case: Case, verdicts: list[Verdict]) -> Iterator[str]:
     for one in verdicts:
         yield f"| {one.quantity} | {one.expected} | {one.found} | {one.word} |"
     for cause in dict.fromkeys(one.cause for one in verdicts if one.cause and not one.passed):
-        yield from ("", cause)
+        yield from ("", cleandoc(cause))
     if case.draw:
         yield from ("", f"![{case.title}]({IMAGES}/{case.name}.png)")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.system.jsonfile import read_json, write_json
-from validation import beverloo, error_bars, hoppers, monte_carlo, other_code, repose
+from validation import article, beverloo, error_bars, hoppers, monte_carlo, other_code, repose
 from validation.case import Case, Data
 
 CASES: tuple[Case, ...] = (
@@ -20,6 +20,7 @@ CASES: tuple[Case, ...] = (
     beverloo.SPREADING,
     repose.CASE,
     hoppers.CASE,
+    article.CASE,
 )
 """In the order of the page."""
 
