@@ -468,13 +468,16 @@ def homogenize(
               help="Wall time for all points; the most expensive ones are dropped to fit.")  # fmt: skip
 @click.option("--axis", "axes", multiple=True, metavar="AXIS[=VALUE,…]",
               help="Vary this setting only, with these values; may be repeated.")  # fmt: skip
+@click.option("--inputs", multiple=True, metavar="KEY=LOW..HIGH",
+              help="Range of a property of the material or its contacts: uncertainty of inputs; may be repeated. "
+              "Without --axis only this is run.")  # fmt: skip
 @click.option("--against", type=_PATH, help="Another case, whose run time is forecast at the measured speed.")
 @_ON
 @_CORES
 @_CLUSTER
 def study(
-    case: Path, overrides: Mapping[str, str], results: Path, hours: float, axes: tuple[str, ...], against: Path | None,
-    on: str, cores: int | None, cluster: Path,
+    case: Path, overrides: Mapping[str, str], results: Path, hours: float, axes: tuple[str, ...],
+    inputs: tuple[str, ...], against: Path | None, on: str, cores: int | None, cluster: Path,
 ) -> None:  # fmt: skip
     """Measure error against run time for variants of CASE.
 
@@ -483,6 +486,7 @@ def study(
     """
     from granpipe.pipeline.run import plan_case
     from granpipe.study.axes import read_axes
+    from granpipe.study.inputs import read_inputs
     from granpipe.study.points import make_study
     from granpipe.study.run import run_study
     from granpipe.system.cores import usable_cores
@@ -492,7 +496,8 @@ def study(
         raise click.BadParameter(f"{hours} must be above 0", param_hint="--hours")
     cores = cores or usable_cores()
     other = None if against is None else plan_case(_read(against), cores)
-    made = make_study(_read(case, overrides).case, hours, cores, read_axes(axes), known_rates())
+    asked = _read(case, overrides).case
+    made = make_study(asked, hours, cores, read_axes(axes), known_rates(), read_inputs(inputs, asked))
     _tell(made.left_out)
     with Console() as console:
         found = run_study(made, results, other, cores, cluster if on == "slurm" else None, console)

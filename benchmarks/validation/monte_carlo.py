@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HERE = Path(__file__).resolve().parent
-POINTS = 4000  # per particle and snapshot
-SNAPSHOTS = 60
+POINTS = 2000  # per particle and snapshot
+SNAPSHOTS = 40
 TOLERANCE = 0.005
 CHUNK = 100  # particles
 

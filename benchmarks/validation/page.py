@@ -30,7 +30,7 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     yield ""
     yield "Made by `make validation`; `PYTHONPATH=benchmarks python -m validation page` makes it again from the results"
     yield "in `benchmarks/references/validation` without a run. granpipe is compared with what others have measured,"
-    yield "published or programmed. Each criterion was stated before the run or says that it was not; failures are shown."
+    yield "published or programmed. Each criterion was stated before the run or says that it was not; failures stay."
     yield ""
     yield f"{len(every)} comparisons: {len(every) - failed - open_} hold, {failed} fail, {open_} are not resolved."
     yield ""

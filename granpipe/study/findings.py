@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from granpipe.analysis.compare import Cells, Difference, compare, error_squares
+from granpipe.case.reader import varied
 from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, cell_vectors, section_rows
@@ -26,8 +27,10 @@ from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
 from granpipe.study.budget import ErrorBound, Option, Size
 from granpipe.study.fields import PSI, FinishedRun, Method, field_of, methods_of
+from granpipe.study.inputs import INPUT, Input
 from granpipe.study.limit import Slope, fit_slope
 from granpipe.study.scene import Scene
+from granpipe.study.uncertainty import Part, Uncertainty, input_part, numerical_part, statistical_part
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.points import point_case
 from granpipe.system.jsonfile import read_json
@@ -45,6 +48,15 @@ _SETTING: dict[str, Callable[[Plan], float]] = {
     "youngs_modulus": lambda plan: plan.dem.youngs_modulus ** (-2 / 3),  # Hertz: overlaps go with this power
     "time_step": lambda plan: plan.dem.time_step,
 }
+
+
+_LABELS = {
+    "coarse_grain_factor": "particle size",
+    "plate_speed": "plate speed",
+    "youngs_modulus": "stiffness",
+    "time_step": "time step",
+}
+"""Axis → what the table of uncertainty calls it."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +147,7 @@ class Findings:
     axis_fits : along each axis that has a limit
     spread : name → difference of the measures between halves of the reference
     rate : particle-steps per second of one core
+    uncertainty : section → that of the case itself; none where its field has no error bar
     """
 
     reference: str
@@ -145,6 +158,7 @@ class Findings:
     axis_fits: tuple[AxisFit, ...]
     spread: Mapping[str, float]
     rate: float | None
+    uncertainty: Mapping[str, Uncertainty]
 
 
 @dataclass(frozen=True)
@@ -202,9 +216,11 @@ class Comparison:
     """Points that are done, compared."""
 
     def __init__(self, case: Case, points: Sequence[StudyPoint]) -> None:
-        self.case, self.points = case, points
+        self.case = case
+        self.points = [point for point in points if not point.axis.startswith(INPUT)]
+        self.ends = [point for point in points if point.axis.startswith(INPUT)]
         self.levels = case.outline.levels
-        particles = [point for point in points if point.finished and point.field.flux_z_se is not None]
+        particles = [point for point in self.points if point.finished and point.field.flux_z_se is not None]
         if not particles:
             raise DataError(
                 "no DEM run of the study has an error bar: give more --hours, or average longer (dem.max_time)"
@@ -232,7 +248,62 @@ class Comparison:
             axis_fits=tuple(slope.fit for slope in self.slopes.values()),
             spread=self._spread(scene),
             rate=float(np.median(rates)) if rates else None,
+            uncertainty=self.uncertainty(effects[0]),
         )
+
+    def uncertainty(self, base: Effect) -> dict[str, Uncertainty]:
+        """Of the case itself: of the whole field and of every section; none where its field has no error bar."""
+        if self.base.finished is None or self.base.field.flux_z_se is None:
+            return {}
+        grid, ends = self._grid_error(self.base.finished), self._between_ends()
+        return {name: Uncertainty(tuple(self._parts(name, base, grid, ends))) for name in self._sections}
+
+    def _parts(
+        self, name: str, base: Effect, grid: ErrorBounds, ends: Mapping[str, tuple[tuple[str, ...], ErrorBounds]]
+    ) -> Iterator[Part]:
+        yield statistical_part(base.statistical[name])
+        for axis, label in _LABELS.items():
+            part = base.contributions.get(axis)
+            if axis == "coarse_grain_factor" and self.case.dem.coarse_grain_factor == 1:
+                yield Part(label, "numerical", 0.0, "the material's own size")
+            elif axis == "plate_speed" and self.base.plan.dem.open_outlet:
+                continue  # it flows as fast as it does in the process
+            elif part is None:
+                yield numerical_part(label, None, f"not determined: --axis {axis}")
+            else:
+                fit = self.slopes[axis].fit
+                basis = f"{fit.points} runs, order {fit.order:g}, against the limit; half its 95 % bound"
+                yield numerical_part(label, part[name], basis)
+        basis = "cells twice as large, first order; half the difference"
+        yield numerical_part("grid", grid.get(name), basis if grid else "not determined: the average is too short")
+        for key, (values, apart) in ends.items():
+            yield input_part(key, values, apart.get(name))
+
+    def _grid_error(self, finished: FinishedRun) -> ErrorBounds:
+        """The field against that on cells twice as large, from the same segments, so that there is no noise to it."""
+        try:
+            coarse = field_of(finished.plan, finished.until(finished.ends[0]), Method("psi", 2)).field
+        except (DataError, IndexError):
+            return {}
+        found = compare(self.base.field, coarse, self.levels, self.base.diameter)
+        return {one.name: ErrorBound(one.observed, one.observed) for one in found}
+
+    def _between_ends(self) -> dict[str, tuple[tuple[str, ...], ErrorBounds]]:
+        """Input → the ends of its range, and the difference between the fields there; none where one is missing."""
+        found: dict[str, tuple[tuple[str, ...], ErrorBounds]] = {}
+        for axis in dict.fromkeys(point.axis for point in self.ends):
+            one = Input.of(axis)
+            points = [self._at(one, end) for end in one.ends]
+            low, high = points
+            found[one.key] = (one.ends, self._difference(low, high.field, high) if low and high else {})
+        return found
+
+    def _at(self, one: Input, end: str) -> StudyPoint | None:
+        """The point at an end of an input's range, which may be the case itself."""
+        for point in self.ends:
+            if point.axis == one.axis and point.changes[one.key] == end:
+                return point
+        return self.base if varied(self.case, {one.key: end}).model_dump() == self.case.model_dump() else None
 
     def effect(self, point: StudyPoint, measures: Mapping[str, float]) -> Effect:
         """What one point changes, and what its error is made of.

@@ -20,7 +20,7 @@ from granpipe.study.axes import Refusal, StudyVariant
 from granpipe.sweep.variants import Variant, name_of
 
 INPUT = "input "
-"""How the axis of a point at the end of an input's range begins; the key follows."""
+"""How the axis of a point at the end of an input's range begins; key and range follow."""
 
 RANGE_SHARE = 1 / math.sqrt(12)
 """Standard uncertainty of a value that is anywhere in a range, over the width of the range."""
@@ -39,7 +39,14 @@ class Input:
     @property
     def axis(self) -> str:
         """Of its points."""
-        return INPUT + self.key
+        return f"{INPUT}{self.key}={self.ends[0]}..{self.ends[1]}"
+
+    @classmethod
+    def of(cls, axis: str) -> Input:
+        """Of the axis of one of its points."""
+        key, _, text = axis.removeprefix(INPUT).partition("=")
+        low, _, high = text.partition("..")
+        return cls(key, (low, high))
 
 
 def read_inputs(words: Iterable[str], case: Case) -> tuple[Input, ...]:

@@ -18,8 +18,9 @@ from granpipe.errors import CaseError
 from granpipe.geometry.revolve import Turn
 from granpipe.planning.forecast import forecast as forecast_of
 from granpipe.planning.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, model_plans
-from granpipe.study.axes import Axes, Basis, StudyVariant, affordable, study_variants
+from granpipe.study.axes import BASE, Axes, Basis, StudyVariant, affordable, study_variants
 from granpipe.study.folder import study_name
+from granpipe.study.inputs import Input, input_variants
 from granpipe.sweep.file import Sweep
 from granpipe.sweep.inputs import SweepInput
 from granpipe.sweep.variants import Variant
@@ -74,13 +75,21 @@ class Study:
         return Sweep(self.name, inputs, self.case.name, Places(self.name))
 
 
-def make_study(case: Case, hours: float, cores: int, axes: Axes | None = None, rates: Rates | None = None) -> Study:
+def make_study(
+    case: Case,
+    hours: float,
+    cores: int,
+    axes: Axes | None = None,
+    rates: Rates | None = None,
+    inputs: Sequence[Input] = (),
+) -> Study:
     """The study of a case that some hours on some cores allow; CaseError where not even the case itself is possible.
 
     Parameters
     ----------
-    axes : those to go along, all unless some are named, and their values
+    axes : those to go along, all unless some are named, and their values; none where only inputs are
     rates : of this machine, where they are known
+    inputs : what is known as a range: the case is run at both ends as well
     """
     plans = model_plans(case)
     basis = replace(_basis(case, plans), cores=cores)
@@ -90,7 +99,13 @@ def make_study(case: Case, hours: float, cores: int, axes: Axes | None = None, r
         plan = _plan(settled, variant)
         return plan if isinstance(plan, CaseError) else None
 
-    variants = study_variants(settled, basis, refusal, axes)
+    if inputs and basis.model != "dem":
+        raise CaseError(
+            f"inputs are varied in DEM runs, and this case is a {basis.model}: set model: dem", key=("model",)
+        )
+    base = StudyVariant("", Variant(BASE, {}))
+    variants = (base,) if inputs and not axes else study_variants(settled, basis, refusal, axes)
+    variants += tuple(input_variants(settled, inputs, refusal))
     forecast = {one.variant.name: forecast_of(_needed(settled, one), rates, cores) for one in variants}
     kept, dropped = affordable(
         variants, lambda one: forecast[one.variant.name] * _busy(_needed(settled, one), cores), hours * 3600 * cores

@@ -25,6 +25,7 @@ from granpipe.study.budget import TOLERANCES, Advice, ErrorBound, Option, advise
 from granpipe.study.chart import draw_curves, draw_effects, draw_options
 from granpipe.study.findings import AxisFit, Effect, Findings
 from granpipe.study.fluid import Solve
+from granpipe.study.uncertainty import COVERAGE
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.status import PointStatus
 from granpipe.sweep.table import Row, write_csv
@@ -173,6 +174,8 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
         rows=[_front_row(option) for option in pareto(found.options)],
     )
     if found.effects:
+        if found.uncertainty:
+            yield _uncertainty(found)
         yield from _particle_sections(found)
     yield Section(
         "Finite elements",
@@ -283,6 +286,38 @@ def _front_row(option: Option) -> tuple[str, ...]:
         percent(error.value),
         percent(error.upper),
     )
+
+
+def _uncertainty(found: Findings) -> Section:
+    """The uncertainty of the case itself, as engineers report it."""
+    whole, sections = found.uncertainty["whole"], list(found.uncertainty)
+
+    def row(name: str, kind: str, values: Sequence[float | None], basis: str) -> tuple[str, ...]:
+        return (name, kind, *("" if value is None else percent(value) for value in values), basis)
+
+    rows = []
+    for at, part in enumerate(whole.parts):
+        values = [found.uncertainty[section].parts[at].standard for section in sections]
+        rows.append(row(part.name, part.kind, values, part.basis))
+    for name, kinds, basis in (
+        ("u_num", ("statistical", "numerical"), "√ of the sum of squares"),
+        ("u_input", ("input",), "the same, inputs independent of each other"),
+        ("u_c, combined", (), "√(u_num² + u_input²)"),
+    ):
+        if name != "u_input" or any(part.kind == "input" for part in whole.parts):
+            rows.append(row(name, "", [found.uncertainty[one].standard(*kinds) for one in sections], basis))
+    expanded = [COVERAGE * found.uncertainty[one].standard() for one in sections]
+    rows.append(row("U, expanded", "", expanded, f"{COVERAGE:g} u_c, about 95 %"))
+    text = [
+        f"Standard uncertainties u of the velocity field of {found.effects[0].point}, relative to it. The model's own "
+        "error is not among them: it is seen only against a measurement, as E = S − D with u_val = √(u_num² + u_input² "
+        "+ u_D²) (ASME V&V 20); u_D, the measurement's, is not known here."
+    ]
+    if whole.missing:
+        text.append(f"Not determined, and not in the sums: {', '.join(whole.missing)}.")
+    if not any(part.kind == "input" for part in whole.parts):
+        text.append("Inputs are taken as exact: --inputs contact.friction=0.6..0.8 gives u_input.")
+    return Section("Uncertainty", text, head=("source", "kind", *sections, "from"), rows=rows)
 
 
 def _axis_fit_text(fit: AxisFit) -> str:

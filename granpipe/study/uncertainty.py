@@ -1,10 +1,10 @@
 """The uncertainty of a field as engineers report it: parts, combined and expanded.
 
 Terms of ASME V&V 20-2009. *Numerical* uncertainty u_num comes from solving the model only approximately: the length
-of the average, particle size, plate speed, stiffness, time step, grid. *Input* uncertainty u_input comes from parameters that
-are known only as ranges. All are standard uncertainties, of which U = 2 u covers about 95 %. The model's own error is
-not among them: it is seen only against a measurement, as the comparison error E with the validation uncertainty
-u_val = √(u_num² + u_input² + u_D²), where u_D is the measurement's.
+of the average, particle size, plate speed, stiffness, time step, grid. *Input* uncertainty u_input comes from
+parameters that are known only as ranges. All are standard uncertainties, of which U = 2 u covers about 95 %. The
+model's own error is not among them: it is seen only against a measurement, as the comparison error E with the
+validation uncertainty u_val = √(u_num² + u_input² + u_D²), where u_D is the measurement's.
 """
 
 from __future__ import annotations
@@ -71,9 +71,10 @@ def input_part(key: str, ends: Sequence[str], apart: ErrorBound | None) -> Part:
     The noise of both runs is taken off; where nothing is left of it, its 95 % bound stands.
     """
     standard = None
-    basis = f"{ends[0]} to {ends[1]}, any value alike; linear between runs at both ends" if ends else "a run is missing"
-    if apart is not None:
-        resolved = apart.value > 0
-        standard = RANGE_SHARE * (apart.value if resolved else apart.upper)
-        basis += "" if resolved else "; below the noise, its bound"
+    basis = f"{ends[0]} to {ends[1]}, any value alike; linear between runs at both ends"
+    if apart is None:
+        basis = "a run at an end of its range is missing"
+    else:
+        standard = RANGE_SHARE * (apart.value if apart.resolved else apart.upper)
+        basis += "" if apart.resolved else "; not resolved, the bound of the difference stands"
     return Part(key, "input", standard, basis)

@@ -188,7 +188,7 @@ def test_each_advice_says_how_much_longer_another_case_takes() -> None:
 def test_levers_are_told_against_the_case_and_its_time() -> None:
     studied = study(0.0)
     base, coarse = (studied.effect(point, {}) for point in studied.points[:2])
-    found = Findings(BASE, {}, (), (), (base, replace(coarse, seconds=3 * base.seconds)), (), {}, None)
+    found = Findings(BASE, {}, (), (), (base, replace(coarse, seconds=3 * base.seconds)), (), {}, None, {})
     (section,) = (one for one in study_sections(found, [], None) if one.title == "Effects")
     ((name, times, difference),) = section.rows
     assert (name, times) == (coarse.point, "× 3.00")
