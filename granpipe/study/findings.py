@@ -281,9 +281,11 @@ class Comparison:
 
     def _grid_error(self, finished: FinishedRun) -> ErrorBounds:
         """The field against that on cells twice as large, from the same segments, so that there is no noise to it."""
+        if not finished.ends:
+            return {}
         try:
             coarse = field_of(finished.plan, finished.until(finished.ends[0]), Method("psi", 2)).field
-        except (DataError, IndexError):
+        except DataError:  # too short for a field of its own
             return {}
         found = compare(self.base.field, coarse, self.levels, self.base.diameter)
         return {one.name: ErrorBound(one.observed, one.observed) for one in found}

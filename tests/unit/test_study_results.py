@@ -30,8 +30,8 @@ CASE = load_case(
     },
 )
 OWN = 0.01  # m, the material's own diameter
-PER_DIAMETER, PER_SPEED = 6.0, 2.0
-"""Relative change of the flow's profile with the diameter beyond the material's own [1/m] and the speed [s/m]."""
+PER_DIAMETER, PER_SPEED, PER_FRICTION = 6.0, 2.0, 0.5
+"""Relative change of the profile with the diameter beyond the material's own [1/m], the speed [s/m], friction."""
 
 
 @dataclass
@@ -44,6 +44,7 @@ class FakeRun:
     """Segments that only tell how long they are."""
 
     segments: list
+    ends: tuple[float, ...] = ()
 
 
 def shapes(grid):
@@ -61,6 +62,7 @@ def point(name: str, axis: str, changes: dict[str, str], sigma: float, seed: int
     (plug_r, plug_z), (bump_r, bump_z) = shapes(grid)
     diameter, speed = plan.dem.classes.sauter_diameter, plan.dem.plate_speed
     strength = PER_DIAMETER * (diameter - OWN) + PER_SPEED * speed
+    strength += PER_FRICTION * (plan.case.contact.friction - CASE.contact.friction)
     scale = np.abs(plug_z).mean()
     flux_z = plug_z + strength * bump_z + sigma * scale * rng.standard_normal(plug_z.shape)
     error_z = np.full_like(flux_z, sigma * scale / np.sqrt(2))  # two faces make the middle of a cell
@@ -106,6 +108,28 @@ def test_parts_are_those_that_were_put_in() -> None:
         assert size.value == pytest.approx(unit * PER_DIAMETER * (diameter - OWN), rel=0.1)
         assert plate.value == pytest.approx(unit * PER_SPEED * speed, rel=0.1)
         assert size.value <= size.upper
+
+
+def test_the_uncertainty_of_an_input_is_what_was_put_in_and_no_end_of_it_becomes_the_reference() -> None:
+    axis, sigma = "input contact.friction=0.2..0.4", 0.002
+    ends = [point(f"end{end}", axis, {"contact.friction": end}, sigma, 7 + at) for at, end in enumerate(("0.2", "0.4"))]
+    made = Comparison(CASE, [*study(sigma).points, *ends])
+    assert made.reference.name == "fine"
+    found = made.uncertainty(made.effect(made.base, {}))
+    parts = {part.name: part for part in found["whole"].parts}
+    expected = norm_of_profile(made) * PER_FRICTION * 0.2 / np.sqrt(12)  # a range of 0.2
+    assert parts["contact.friction"].standard == pytest.approx(expected, rel=0.1)
+    assert found["whole"].standard("input") == parts["contact.friction"].standard
+    speed = made.effect(made.base, {}).contributions["plate_speed"]["whole"]
+    assert parts["plate speed"].standard == pytest.approx(speed.upper / 2)
+    assert found["whole"].missing == ["stiffness", "time step", "grid"]
+    assert set(found) == {"whole", *CASE.outline.levels}
+
+
+def test_an_input_without_one_of_its_ends_is_not_determined() -> None:
+    end = point("end", "input contact.friction=0.2..0.4", {"contact.friction": "0.2"}, 0.0, 7)
+    made = Comparison(CASE, [*study(0.002).points, end])
+    assert "contact.friction" in made.uncertainty(made.effect(made.base, {}))["whole"].missing
 
 
 def test_the_parts_together_foretell_the_measured_difference() -> None:
