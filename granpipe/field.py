@@ -116,6 +116,39 @@ class Frustum:
 
 
 @dataclass(frozen=True)
+class Measure:
+    """What a plane section of a vessel stands for: a body of revolution, or a slab of some depth.
+
+    A volume is `turn` times the integral of `weight` over the section; the flow between two points is `turn` times the
+    difference of ψ, where u = −∂ψ/∂z and w = ∂ψ/∂r, both over `weight`.
+
+    Parameters
+    ----------
+    turn : 2π, or the depth of the slab [m]
+    axial : whether r is the distance from an axis; in a slab it is the coordinate x
+    """
+
+    turn: float = 2 * pi
+    axial: bool = True
+
+    def weight(self, r: Array) -> Array:
+        """r, or 1 in a slab."""
+        return r if self.axial else np.ones_like(r)
+
+    def reach(self, r: Array) -> Array:
+        """The integral of `weight` from 0 to r: r²/2, or r. In it, a plug's ψ is linear."""
+        return 0.5 * r**2 if self.axial else r
+
+    def area(self, inner: Array, outer: Array) -> Array:
+        """Area of a level between two r [m²]."""
+        return self.turn * (self.reach(outer) - self.reach(inner))
+
+
+ROUND = Measure()
+"""Of a body of revolution."""
+
+
+@dataclass(frozen=True)
 class Grid:
     """A uniform grid of annular cells.
 
@@ -170,22 +203,17 @@ class Grid:
     @property
     def ring_area(self) -> Array:
         """(nr,) area of the horizontal face of each ring [m²]."""
-        return np.asarray(np.pi * np.diff(self.r_edges**2))
+        return self.measure.area(self.r_edges[:-1], self.r_edges[1:])
 
     @property
     def side_area(self) -> Array:
         """(nr+1,) area of the cylindrical face at each edge radius [m²]; 0 on the axis."""
-        return np.asarray(2 * np.pi * self.r_edges * self.cell)
+        return self.measure.turn * self.measure.weight(self.r_edges) * self.cell
 
     @property
-    def turn(self) -> float:
-        """What the plane stands for: flow through a face is this times the difference of ψ between its ends."""
-        return 2 * np.pi
-
-    @property
-    def axial(self) -> bool:
-        """Whether the left edge is an axis."""
-        return True
+    def measure(self) -> Measure:
+        """What the section of its cells stands for."""
+        return ROUND
 
     @property
     def cell_volume(self) -> Array:
@@ -206,7 +234,9 @@ class Grid:
                 raise ValueError(f"the {name} edges are not evenly spaced, rising, and within {MOST_LENGTH:g} m")
         if np.prod(self.shape) > MOST_CELLS:
             raise ValueError(f"more than {MOST_CELLS:.0e} cells")
-        if self.axial and (self.r_edges[0] != 0 or not np.isclose(self.r_edges[1], self.cell, rtol=1e-6, atol=0)):
+        if self.measure.axial and (
+            self.r_edges[0] != 0 or not np.isclose(self.r_edges[1], self.cell, rtol=1e-6, atol=0)
+        ):
             raise ValueError("the cells are not squares, the first one on the axis")
 
     @property
@@ -283,14 +313,9 @@ class Box(Grid):
         return dx * dz
 
     @property
-    def turn(self) -> float:
-        """Depth [m]."""
-        return float(self.y_edges[-1] - self.y_edges[0])
-
-    @property
-    def axial(self) -> bool:
-        """No axis."""
-        return False
+    def measure(self) -> Measure:
+        """A slab between the ends of y."""
+        return Measure(float(self.y_edges[-1] - self.y_edges[0]), axial=False)
 
     @property
     def _edges(self) -> dict[str, Array]:
@@ -505,7 +530,8 @@ def flux_from_psi(psi: Array, grid: Grid) -> tuple[Array, Array]:
     -------
     flux_r, flux_z : (nz, nr+1), (nz+1, nr) [m/s]
     """
-    through_r, through_z = -grid.turn * np.diff(psi, axis=0), grid.turn * np.diff(psi, axis=1)
+    turn = grid.measure.turn
+    through_r, through_z = -turn * np.diff(psi, axis=0), turn * np.diff(psi, axis=1)
     flux_r = np.divide(through_r, grid.side_area, out=np.zeros_like(through_r), where=grid.side_area > 0)
     flux_z = through_z / grid.ring_area
     return flux_r, flux_z

@@ -1,4 +1,4 @@
-"""The triangle mesh of an r–z half section: what the mesher hands to the fluid and the exporters."""
+"""The triangle mesh of a section, r–z or x–z: what the mesher hands to the fluid and the exporters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from granpipe.field import Array, Mask
+from granpipe.field import ROUND, Array, Mask, Measure
 
 Index = NDArray[np.int64]
 Names = NDArray[np.str_]
@@ -15,7 +15,7 @@ Names = NDArray[np.str_]
 
 @dataclass(frozen=True)
 class RZMesh:
-    """Triangles of the r–z half section, with a name on every boundary edge.
+    """Triangles of an r–z half section, or of the x–z section of a slab, with a name on every boundary edge.
 
     Names: ``axis``, ``inlet``, ``outlet``, ``wall:<section>`` (or ``wall:<piece>``, counted from the top, where the
     outline has no sections) and ``obstacle:<name>``.
@@ -26,12 +26,14 @@ class RZMesh:
     triangles : (m, 3) points of each triangle, counter-clockwise
     edges : (k, 2) points of each boundary edge, the inside on its left
     names : (k,) name of each boundary edge
+    measure : what the section stands for
     """
 
     points: Array
     triangles: Index
     edges: Index
     names: Names
+    measure: Measure = ROUND
 
     def named(self, prefix: str) -> Mask:
         """(k,) True for the edges whose name is `prefix`, or starts with ``<prefix>:``."""
@@ -50,8 +52,8 @@ class RZMesh:
     def free_area(self, z: Array) -> Array:
         """(...) horizontal free cross-section Ω at the heights `z` [m²], from the boundary edges that cross them.
 
-        Each edge that the level cuts counts ±π r², positive where the inside lies towards the axis. At a height where
-        Ω jumps the value is that just above.
+        Each edge that the level cuts counts ±`Measure.area` from 0, positive where the inside lies towards smaller r.
+        Where Ω jumps the value is that just above.
         """
         (r0, z0), (r1, z1) = self.ends().transpose(1, 2, 0)
         level = np.asarray(z)[..., None]
@@ -59,4 +61,4 @@ class RZMesh:
         falling = (z1 <= level) & (level < z0)
         part = np.divide(level - z0, z1 - z0, out=np.zeros(np.broadcast(level, z0).shape), where=z0 != z1)
         radius = r0 + part * (r1 - r0)
-        return np.asarray(np.pi * np.sum((rising * 1.0 - falling) * radius**2, axis=-1))
+        return np.asarray(np.sum((rising * 1.0 - falling) * self.measure.area(np.zeros(()), radius), axis=-1))

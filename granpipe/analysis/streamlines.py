@@ -45,7 +45,7 @@ def streamlines(field: Field, count: int = 20) -> list[Streamline]:
     ------
     DataError : the field has no stream function
     """
-    if field.psi is None or not field.grid.axial:
+    if field.psi is None or not field.grid.measure.axial:
         raise DataError("the field has no stream function to draw streamlines by; use homogenize.method: psi")
     part = np.maximum.accumulate(field.psi[-1] / field.psi[-1, -1])
     within = (np.arange(count) + 0.5) / count
@@ -69,7 +69,7 @@ def age(field: Field) -> Array:
     ------
     DataError : the field has no stream function
     """
-    if field.psi is None or not field.grid.axial:
+    if field.psi is None or not field.grid.measure.axial:
         raise DataError("the field has no stream function to tell ages by; use homogenize.method: psi")
     paths = _Paths(field, upstream=True)
     found = np.full(field.grid.shape, np.nan)

@@ -153,7 +153,7 @@ class Flow:
         from contourpy import contour_generator
 
         surface = self._stream
-        part = -surface.psi * self.stored.grid.turn / self.flow_rate
+        part = -surface.psi * self.stored.grid.measure.turn / self.flow_rate
         lines = contour_generator(surface.x, surface.z, np.ma.array(part, mask=~self.nodes.solids))
         found = []
         for middle in (np.arange(n) + 0.5) / n:

@@ -1,4 +1,4 @@
-"""Keys of `outline`: wall, obstacles and sections, or the drawing that gives them; values in SI."""
+"""Keys of `outline`: walls, obstacles and sections, or the drawing that gives them; values in SI."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ Point = tuple[float, float]
 Polygon = tuple[Point, ...]
 Regime = Literal["mass_flow", "funnel_flow", "undecided"]
 SectionModel = Literal["fluid", "dem"]
+Symmetry = Literal["axis", "plane"]
 Up = Literal["x", "-x", "y", "-y", "z", "-z"]
+SLAB = ("left", "right", "depth")
+"""Keys of a slab."""
+
 LEVEL_TOLERANCE = 1e-9  # m; levels nearer than this are one level
 
 
@@ -81,14 +85,34 @@ DRAWING_KEYS = DrawingSpec.model_fields.keys() - {"unit"}
 
 
 class OutlineSpec(Group):
-    """The vessel's inside: half of its section through the axis."""
+    """The vessel's inside: half of its section through the axis, or the section of a slab."""
 
     unit: Annotated[str, Identifier()] = Field(
         default="m", description="Unit of every coordinate of the outline: m, cm, mm, ft, …."
     )
-    wall: Annotated[Polygon, Points(at_least=2)] = Field(
+    symmetry: Annotated[Symmetry, OneOf(Symmetry)] = Field(
+        default="axis",
+        description="`axis`: a body of revolution, given by `wall`. `plane`: a slab between two walls that are alike "
+        "all along y, as a hopper with a slot, given by `left`, `right` and `depth`; by a viscous fluid and from dumps "
+        "only.",
+    )
+    wall: Annotated[Polygon | None, Points(at_least=2)] = Field(
+        default=None,
         description="Points [r, z] of the inner wall from the inlet (top) down to the outlet; two points at one level "
-        "make a ledge. Nothing overhangs: z never rises."
+        "make a ledge. Nothing overhangs: z never rises. Needed with `symmetry: axis`.",
+    )
+    left: Annotated[Polygon | None, Points(at_least=2)] = Field(
+        default=None,
+        description="Points [x, z] of the left wall of a slab, from the top down as `wall`. The two walls begin at one "
+        "height and end at one height; they need not be mirror images.",
+    )
+    right: Annotated[Polygon | None, Points(at_least=2)] = Field(
+        default=None, description="Points [x, z] of the right wall of a slab."
+    )
+    depth: Annotated[float | None, Quantity(above=0)] = Field(
+        default=None,
+        description="Depth of a slab along y, in `unit`. Flow rates are those of this depth; with a depth of one metre "
+        "they are per metre.",
     )
     obstacles: dict[Annotated[str, Identifier()], Annotated[Polygon, Points(at_least=3, closed=True)]] = Field(
         default_factory=dict,
@@ -98,10 +122,17 @@ class OutlineSpec(Group):
         Annotated[str, Identifier()],
         Annotated[Section, Short(Levels())],
     ] = Field(
-        default_factory=lambda data: _sections_by_slope(data.get("wall", ())),
+        default_factory=lambda data: _sections_by_slope(*(data.get(wall) or () for wall in ("wall", "left", "right"))),
         description="Parts of the vessel between two levels, by name. Unless given: one for each change of wall slope, "
         "named s1, s2, …, from the top.",
     )
+
+    @property
+    def right_wall(self) -> Polygon:
+        """The outer wall of a body of revolution, or the right one of a slab."""
+        wall = self.wall if self.symmetry == "axis" else self.right
+        assert wall is not None  # the validator below refuses it
+        return wall
 
     @property
     def levels(self) -> dict[str, tuple[float, float]]:
@@ -125,6 +156,17 @@ class OutlineSpec(Group):
             return data
         return {key: value for key, value in data.items() if value is not None or key not in ("obstacles", "sections")}
 
+    @model_validator(mode="after")
+    def _walls_of_its_symmetry(self) -> OutlineSpec:
+        needed = ("wall",) if self.symmetry == "axis" else SLAB
+        for key in ("wall", *SLAB):
+            given = getattr(self, key) is not None
+            if key in needed and not given:
+                refuse(f"missing; `symmetry: {self.symmetry}` needs it", (key,))
+            if given and key not in needed:
+                refuse(f"belongs to `symmetry: {'plane' if key in SLAB else 'axis'}`; leave it out", (key,))
+        return self
+
     @field_validator("sections")
     @classmethod
     def _downwards(cls, sections: dict[str, Section]) -> dict[str, Section]:
@@ -147,8 +189,17 @@ def _scaled(value: Any, factor: float) -> Any:
     return tidy(value * factor) if isinstance(value, (int, float)) and not isinstance(value, bool) else value
 
 
-def _sections_by_slope(wall: Polygon) -> dict[str, Section]:
-    """One section per run of wall segments of equal slope; ledges only separate."""
+def _sections_by_slope(*walls: Polygon) -> dict[str, Section]:
+    """One section per run of wall segments of equal slope, of all walls; ledges only separate."""
+    levels: list[float] = []
+    for z in sorted({z for wall in walls for run in _runs(wall) for z in run}, reverse=True):
+        if not levels or levels[-1] - z > LEVEL_TOLERANCE:
+            levels.append(z)
+    return {f"s{index}": Section(z=span) for index, span in enumerate(pairwise(levels), start=1)}
+
+
+def _runs(wall: Polygon) -> list[tuple[float, float]]:
+    """Upper and lower ends of what has one slope, from the top down."""
     runs: list[tuple[float, float, float]] = []
     for (r0, z0), (r1, z1) in pairwise(wall):
         if z0 - z1 <= LEVEL_TOLERANCE:
@@ -159,5 +210,4 @@ def _sections_by_slope(wall: Polygon) -> dict[str, Section]:
             runs[-1] = (slope, runs[-1][1], z1)
         else:
             runs.append((slope, z0, z1))
-    spans = [(top, bottom) for _, top, bottom in runs if top > bottom]
-    return {f"s{index}": Section(z=span) for index, span in enumerate(spans, start=1)}
+    return [(top, bottom) for _, top, bottom in runs if top > bottom]

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from granpipe.case.drawing import with_drawing
 from granpipe.case.messages import case_error
-from granpipe.case.outline import DRAWING_KEYS, DrawingSpec, OutlineSpec
+from granpipe.case.outline import DRAWING_KEYS, SLAB, DrawingSpec, OutlineSpec
 from granpipe.case.overrides import override
 from granpipe.case.renamed import refuse_renamed
 from granpipe.case.schema import Case
@@ -101,7 +101,7 @@ def schema_json() -> str:
     groups = Case.model_json_schema()
     outline, drawing = groups["$defs"][OutlineSpec.__name__], DrawingSpec.model_json_schema()["properties"]
     outline["properties"] |= {key: drawing[key] for key in DrawingSpec.model_fields if key in DRAWING_KEYS}
-    outline["anyOf"] = [{"required": outline.pop("required")}, {"required": ["file"]}]
+    outline["anyOf"] = [{"required": keys} for keys in (["wall"], ["file"], list(SLAB))]
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _for_editors(groups)
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 

@@ -64,7 +64,7 @@ def nodal_values(field: Field) -> Nodes:
         solids=corner_sum(cells) > 0,
         cells=cells,
         psi=None if field.psi is None else field.psi * field.velocity_scale,
-        axial=field.grid.axial,
+        axial=field.grid.measure.axial,
     )
     if field.packing_fraction is not None:
         packing = np.where(field.inside_fraction > 0, field.packing_fraction, 0.0)
@@ -169,11 +169,11 @@ def _on_nodes(field: Field, cells: Mask, part_r: Array, part_z: Array) -> tuple[
     """
     grid = field.grid
     sampled_r, sampled_z = (_sampled(open_part(field, axis), cells, axis) for axis in (1, 0))
-    edges = grid.r_edges**2 if grid.axial else grid.r_edges
+    edges = grid.r_edges**2 if grid.measure.axial else grid.r_edges
     u, known_u = _between(_divided(field.flux_r, part_r).T, sampled_r.T, grid.z_centres, grid.z_edges)
     w, known_w = _between(_divided(field.flux_z, part_z), sampled_z, 0.5 * (edges[1:] + edges[:-1]), edges)
     u, w = _grown(u.T, known_u.T, cells), _grown(w, known_w, cells)
-    if grid.axial:
+    if grid.measure.axial:
         u[:, 0] = 0.0  # by symmetry
     solids = corner_sum(cells) > 0
     return np.where(solids, u, 0.0) * field.flow_scale, np.where(solids, w, 0.0) * field.flow_scale

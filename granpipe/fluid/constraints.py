@@ -31,7 +31,7 @@ class Constraints:
     prolongation : (2N, n) sparse P
     given : (2N,) g [m/s]
     node : (n,) the node that each free unknown moves
-    edge_flow : (k, 2N) sparse; times x it is the outward flow through each boundary edge over 2π [m³/s per radian]
+    edge_flow : (k, 2N) sparse; times x it is the outward flow through each boundary edge over 2π or the depth
     """
 
     prolongation: Any
@@ -49,7 +49,7 @@ def constrain(space: Space, data: BoundaryData) -> Constraints:
     given = _given(space, data)
     return Constraints(
         sparse.csr_array(prolongation - correction @ (edge_flow @ prolongation)),
-        given + correction @ (data.flow / (2 * np.pi) - edge_flow @ given),
+        given + correction @ (data.flow / space.mesh.measure.turn - edge_flow @ given),
         node,
         edge_flow,
     )

@@ -88,6 +88,8 @@ def _element(order: int) -> Any:
 def edge_flow_weights(space: Space, upto: float = 1.0) -> Array:
     """(k, order+1) weights c with ∫ r f ds = Σ c f over the nodes of each boundary edge, from its first end on [m²].
 
+    In a slab r is left out, as in all integrals of this room (`granpipe.field.Measure.weight`) [m].
+
     Exact for the space's polynomials. `upto` ends the integral at a part of the edge.
     """
     along = np.arange(space.order + 1) / space.order
@@ -97,7 +99,8 @@ def edge_flow_weights(space: Space, upto: float = 1.0) -> Array:
     plain = np.array([p.integ()(upto) for p in lagrange])
     slanted = np.array([(rising * p).integ()(upto) for p in lagrange])
     (r0, z0), (r1, z1) = space.mesh.ends().transpose(1, 2, 0)[..., None]
-    return np.asarray(np.hypot(r1 - r0, z1 - z0) * (r0 * plain + (r1 - r0) * slanted))
+    length = np.hypot(r1 - r0, z1 - z0)
+    return np.asarray(length * (r0 * plain + (r1 - r0) * slanted if space.mesh.measure.axial else plain))
 
 
 def dissection(space: Space) -> Index:

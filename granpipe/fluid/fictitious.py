@@ -22,7 +22,7 @@ class FluidSolution:
     ----------
     mesh : its mesh
     u, w : (n,) velocity at the points of the mesh [m/s]
-    psi : (n,) stream function there [m³/s per radian]
+    psi : (n,) stream function there [m³/s per radian, or per metre of depth]
     flow : Φ [m³/s], positive downwards
     stream : ψ for unit flow in units of `length`, from which everything is sampled
     length : unit of length of `stream` [m]
@@ -60,7 +60,7 @@ def solve_fluid(
     ------
     SolveError : the equations have no unique or no accurate solution
     """
-    length = 2.0 ** np.round(np.log2(mesh.points[:, 0].max()))
+    length = 2.0 ** np.round(np.log2(np.abs(mesh.points[:, 0]).max()))
     annulus = law.annulus and (law.annulus[0] / length, law.annulus[1] / length)
     unit_mesh, unit_law = replace(mesh, points=mesh.points / length), replace(law, annulus=annulus)
     data = boundary_data(unit_mesh, unit_law, 1.0, np.arange(order + 1) / order)
@@ -72,7 +72,8 @@ def solve_fluid(
     stokes = solve_stokes(unit_mesh, data, forcing)
     stream = nearest_stream_function(stokes, data)
     u, w, psi = stream.at_points()
-    speed = flow / length**2
+    area = mesh.measure.area(np.zeros(()), np.array([1.0, length]))  # of a body twice as large, four times or twice
+    speed = flow * float(area[0] / area[1])
     return FluidSolution(
         mesh, u * speed, w * speed, psi * flow, flow, stream, float(length), stokes.unknowns, stokes.residual
     )

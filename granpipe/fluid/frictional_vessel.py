@@ -12,7 +12,7 @@ from granpipe.fluid.fictitious import FluidSolution
 from granpipe.fluid.friction_law import FrictionLaw
 from granpipe.fluid.frictional import CONVERGED, FrictionSolution, solve_friction
 from granpipe.fluid.stream import nearest_stream_function
-from granpipe.fluid.wall_speed import BoundaryData, outflow
+from granpipe.fluid.wall_speed import EVERYWHERE, BoundaryData, outflow
 from granpipe.rzmesh import RZMesh
 
 SURFACE = "free surface"
@@ -26,10 +26,10 @@ ALONG = np.array([0.0, 0.5, 1.0])
 
 @dataclass(frozen=True)
 class Outlet:
-    """How the solids leave: on a `plate` or through an `open` hole; between two radii [m], 0 and inf: all of it."""
+    """How the solids leave: on a `plate` or through an `open` hole; between two radii [m]."""
 
     kind: Literal["plate", "open"] = "plate"
-    radii: tuple[float, float] = (0.0, np.inf)
+    radii: tuple[float, float] = EVERYWHERE
 
 
 def solve_frictional(

@@ -1,7 +1,8 @@
-"""Axisymmetric creeping flow: Taylor–Hood elements of order k (velocity k, pressure k−1) and a direct solver.
+"""Creeping flow with an axis or in the plane: Taylor–Hood elements of order k, and a direct solver.
 
-−∇²u + ∇p = K (u* − u), ∇·u = 0 with unit viscosity; u* and K are the forcing of the hybrid. At an open outlet the
-natural condition ∂u/∂n = p n holds: the flow leaves as if the vessel went on, and Poiseuille flow passes unchanged.
+Velocity is of order k, pressure of order k−1. −∇²u + ∇p = K (u* − u), ∇·u = 0 with unit viscosity; u* and K are the
+forcing of the hybrid. At an open outlet the natural condition ∂u/∂n = p n holds: the flow leaves as if the vessel went
+on, and Poiseuille flow passes unchanged.
 """
 
 from __future__ import annotations
@@ -82,12 +83,17 @@ def solve_stokes(mesh: RZMesh, data: BoundaryData, forcing: Forcing | None = Non
 
 
 def _momentum(space: Space, forcing: Forcing | None) -> tuple[Any, Array]:
-    """(2N, 2N) sparse ∫ r (∇u·∇v + K u·v) with u v/r² for the radial component, and the source (2N,) ∫ r K u*·v."""
+    """(2N, 2N) sparse ∫ r (∇u·∇v + K u·v) with u v/r² for the radial component, and the source (2N,) ∫ r K u*·v.
+
+    In a slab without r and u v/r².
+    """
     from skfem import BilinearForm, LinearForm
+
+    measure = space.mesh.measure
 
     @BilinearForm
     def gradients(f, g, at):  # type: ignore[no-untyped-def]
-        return at.x[0] * (f.grad[0] * g.grad[0] + f.grad[1] * g.grad[1] + at.factor * f * g)
+        return measure.weight(at.x[0]) * (f.grad[0] * g.grad[0] + f.grad[1] * g.grad[1] + at.factor * f * g)
 
     @BilinearForm
     def hoop(f, g, at):  # type: ignore[no-untyped-def]
@@ -95,11 +101,12 @@ def _momentum(space: Space, forcing: Forcing | None) -> tuple[Any, Array]:
 
     @LinearForm
     def push(g, at):  # type: ignore[no-untyped-def]
-        return at.x[0] * at.factor * at.target * g
+        return measure.weight(at.x[0]) * at.factor * at.target * g
 
     factor = _factor(space, forcing)
     common = gradients.assemble(space.basis, factor=factor)
-    matrix = sparse.block_diag([common + hoop.assemble(space.basis), common], format="csr")
+    sideways = common + hoop.assemble(space.basis) if measure.axial else common
+    matrix = sparse.block_diag([sideways, common], format="csr")
     if not forcing:
         return matrix, np.zeros(2 * space.size)
     target = forcing.target(*np.asarray(space.basis.global_coordinates()))
@@ -107,18 +114,20 @@ def _momentum(space: Space, forcing: Forcing | None) -> tuple[Any, Array]:
 
 
 def divergence(space: Space, pressure: Space) -> Any:
-    """(M, 2N) sparse −∫ q (r ∂u/∂r + u + r ∂w/∂z)."""
+    """(M, 2N) sparse −∫ q (r ∂u/∂r + u + r ∂w/∂z); in a slab −∫ q (∂u/∂x + ∂w/∂z)."""
     from skfem import BilinearForm
 
+    measure = space.mesh.measure
+
     @BilinearForm
-    def radial(f, q, at):  # type: ignore[no-untyped-def]
-        return -q * (at.x[0] * f.grad[0] + f)
+    def sideways(f, q, at):  # type: ignore[no-untyped-def]
+        return -q * (at.x[0] * f.grad[0] + f if measure.axial else f.grad[0])
 
     @BilinearForm
     def vertical(f, q, at):  # type: ignore[no-untyped-def]
-        return -q * at.x[0] * f.grad[1]
+        return -q * measure.weight(at.x[0]) * f.grad[1]
 
-    forms = [form.assemble(space.basis, pressure.basis) for form in (radial, vertical)]
+    forms = [form.assemble(space.basis, pressure.basis) for form in (sideways, vertical)]
     return sparse.hstack(forms, format="csr")
 
 
@@ -131,7 +140,7 @@ def _shift(velocities: int, pressure: Space, forcing: Forcing | None) -> Array:
 
     @BilinearForm
     def mass(p, q, at):  # type: ignore[no-untyped-def]
-        return at.x[0] * p * q / (1 + at.factor)
+        return pressure.mesh.measure.weight(at.x[0]) * p * q / (1 + at.factor)
 
     softness = mass.assemble(pressure.basis, factor=_factor(pressure, forcing)).diagonal()
     return np.concatenate([np.zeros(velocities), PRESSURE_SHIFT * softness])

@@ -1,8 +1,8 @@
 """The stream function nearest to a computed velocity: exactly conserving where Taylor–Hood elements are not.
 
 With ψ = r² χ the velocity is u = −r ∂χ/∂z, w = 2χ + r ∂χ/∂r: nothing is singular on the axis, and plug and Poiseuille
-flow have a polynomial χ. χ minimises ∫ r |u(χ) − u_h|² among all that have the prescribed flow through inlet, walls and
-obstacles.
+flow have a polynomial χ. In a slab χ is ψ itself, u = −∂χ/∂z, w = ∂χ/∂x. χ minimises ∫ r |u(χ) − u_h|² (in a slab
+without r) among all that have the prescribed flow through inlet, walls and obstacles.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from granpipe.field import Array, Mask
+from granpipe.field import Array, Mask, Measure
 from granpipe.fluid.direct import solve_ordered
 from granpipe.fluid.elements import HIGHEST_ORDER, Space, dissection, edge_flow_weights
 from granpipe.fluid.locate import locate
@@ -33,8 +33,8 @@ class StreamFunction:
     Parameters
     ----------
     space : of χ
-    chi : (N,) χ = ψ/r² at its nodes [m/s]
-    edge_psi : (k,) ψ in the middle of each boundary edge [m³/s per radian]; NaN where it is not prescribed
+    chi : (N,) χ = ψ/r² at its nodes [m/s]; in a slab ψ [m²/s]
+    edge_psi : (k,) ψ in the middle of each boundary edge [m³/s per radian or metre of depth]; NaN: not prescribed
     correction : ‖u(χ) − u_h‖ / ‖u(χ)‖ over the volume: how much Taylor–Hood elements missed
     """
 
@@ -44,7 +44,7 @@ class StreamFunction:
     correction: float
 
     def psi_at(self, r: Array, z: Array) -> Array:
-        """(nz, nr) ψ on the nodes of a grid [m³/s per radian]; outside the mesh, that of the nearest solid."""
+        """(nz, nr) ψ on the nodes of a grid [m³/s per radian or metre of depth]; outside, that of the nearest solid."""
         basis = self.space.basis
         triangle, place = locate(basis.mesh.p.T, basis.mesh.t.T, r, z)
         inside = triangle >= 0
@@ -52,7 +52,7 @@ class StreamFunction:
         radius, height = np.meshgrid(r, z)
         nodes, local = basis.element_dofs[:, triangle[inside]], place[inside].T
         shape = np.stack([basis.elem.lbasis(local, i)[0] for i in range(len(nodes))])
-        psi[inside] = radius[inside] ** 2 * np.sum(shape * self.chi[nodes], axis=0)
+        psi[inside] = _psi_per_chi(self.space.mesh.measure, radius[inside]) * np.sum(shape * self.chi[nodes], axis=0)
         on_wall = self._psi_on_walls(triangle[inside], local)
         psi[inside] = np.where(np.isnan(on_wall), psi[inside], on_wall)
         psi[~inside] = self._psi_beyond_walls(np.stack([radius[~inside], height[~inside]], axis=1))
@@ -87,11 +87,23 @@ class StreamFunction:
 
         at_corners = Basis(mesh, basis.elem, quadrature=(corners, np.ones(3)))
         chi = at_corners.interpolate(self.chi)
-        r = mesh.p[0, mesh.t.T]
-        u, w = -r * chi.grad[1], 2 * np.asarray(chi) + r * chi.grad[0]
+        measure = self.space.mesh.measure
+        parts = _velocity(measure, chi, mesh.p[0, mesh.t.T])
         count = np.bincount(mesh.t.ravel())
-        mean = [np.bincount(mesh.t.T.ravel(), weights=part.ravel()) / count for part in (u, w)]
-        return mean[0], mean[1], mesh.p[0] ** 2 * self.chi[basis.nodal_dofs[0]]
+        mean = [np.bincount(mesh.t.T.ravel(), weights=part.ravel()) / count for part in parts]
+        return mean[0], mean[1], _psi_per_chi(measure, mesh.p[0]) * self.chi[basis.nodal_dofs[0]]
+
+
+def _psi_per_chi(measure: Measure, r: Array) -> Array:
+    """ψ/χ: r², or 1 in a slab."""
+    return measure.weight(r) ** 2
+
+
+def _velocity(measure: Measure, chi: Any, r: Array) -> tuple[Array, Array]:
+    """u and w of χ, given with its gradient."""
+    if not measure.axial:
+        return -chi.grad[1], chi.grad[0]
+    return -r * chi.grad[1], 2 * np.asarray(chi) + r * chi.grad[0]
 
 
 def nearest_stream_function(flow: StokesSolution, data: BoundaryData) -> StreamFunction:
@@ -103,15 +115,17 @@ def nearest_stream_function(flow: StokesSolution, data: BoundaryData) -> StreamF
     """
     from skfem import BilinearForm, LinearForm
 
+    measure = flow.space.mesh.measure
+
     @BilinearForm
     def agreement(f, g, at):  # type: ignore[no-untyped-def]
-        r = at.x[0]
-        return r * (r**2 * f.grad[1] * g.grad[1] + (2 * f + r * f.grad[0]) * (2 * g + r * g.grad[0]))
+        (u, w), (other_u, other_w) = (_velocity(measure, one, at.x[0]) for one in (f, g))
+        return measure.weight(at.x[0]) * (u * other_u + w * other_w)
 
     @LinearForm
     def towards(g, at):  # type: ignore[no-untyped-def]
-        r = at.x[0]
-        return r * (at.w * (2 * g + r * g.grad[0]) - at.u * r * g.grad[1])
+        u, w = _velocity(measure, g, at.x[0])
+        return measure.weight(at.x[0]) * (at.u * u + at.w * w)
 
     order = min(flow.space.order + 1, HIGHEST_ORDER)
     space = Space.on(flow.space.mesh, order, 2 * order + 1)
@@ -130,8 +144,8 @@ def nearest_stream_function(flow: StokesSolution, data: BoundaryData) -> StreamF
 def _distance(space: Space, chi: Array, u: Any, w: Any) -> float:
     """‖u(χ) − u‖ / ‖u(χ)‖ over the volume."""
     field, r = space.basis.interpolate(chi), np.asarray(space.basis.global_coordinates())[0]
-    own = np.stack([-r * field.grad[1], 2 * np.asarray(field) + r * field.grad[0]])
-    weight = r * space.basis.dx
+    own = np.stack(_velocity(space.mesh.measure, field, r))
+    weight = space.mesh.measure.weight(r) * space.basis.dx
     difference = np.sum(weight * np.sum((own - np.stack([np.asarray(u), np.asarray(w)])) ** 2, axis=0))
     return float(np.sqrt(difference / np.sum(weight * np.sum(own**2, axis=0))))
 
@@ -142,7 +156,7 @@ class _BoundaryPsi:
 
     Parameters
     ----------
-    psi : (k, order+1) ψ at the nodes along each edge [m³/s per radian]; NaN where it is not prescribed
+    psi : (k, order+1) ψ at the nodes along each edge [m³/s per radian or metre of depth]; NaN: not prescribed
     ring : (k,) number of the free ring that the edge belongs to, 0 for what hangs together with the inlet
     """
 
@@ -155,9 +169,9 @@ class _BoundaryPsi:
 
 
 def _boundary_psi(flow: StokesSolution, data: BoundaryData, order: int) -> _BoundaryPsi:
-    """Integrate the flow along the boundary, dψ = −r u·n ds, from 0 at the innermost point of the inlet."""
+    """Integrate the flow along the boundary, dψ = −r u·n ds (slab: −u·n ds), from 0 at the inlet's least r."""
     mesh, space = flow.space.mesh, flow.space
-    out, held = data.flow / (2 * np.pi), np.flatnonzero(data.normal_held)
+    out, held = data.flow / mesh.measure.turn, np.flatnonzero(data.normal_held)
     (a, b), count = mesh.edges[held].T, len(mesh.points)
     graph = sparse.csr_array((np.ones(len(a)), (a, b)), shape=(count, count))
     step = dict(zip(zip(a, b, strict=True), -out[held], strict=True))
@@ -190,9 +204,9 @@ def _free_chi(space: Space, boundary: _BoundaryPsi) -> tuple[Any, Array, Index]:
     known = ~np.isnan(boundary.psi[:, 0])
     nodes = space.edge_nodes[known]
     psi, ring = boundary.psi[known], np.broadcast_to(boundary.ring[known, None], nodes.shape)
-    off_axis = space.points[nodes, 0] > 0
+    square = _psi_per_chi(space.mesh.measure, space.points[:, 0])
+    off_axis = square[nodes] > 0
     nodes, psi, ring = nodes[off_axis], psi[off_axis], ring[off_axis]
-    square = space.points[:, 0] ** 2
     given = np.zeros(space.size)
     given[nodes] = psi / square[nodes]
     node_ring = np.full(space.size, -1)

@@ -22,6 +22,7 @@ from granpipe.rzmesh import Index, Names, RZMesh
 UPRIGHT = 1e-6  # |dr/dz| below which a wall counts as upright
 LEVEL = 1e-6  # |dz/dr| below which it is a ledge
 NUDGE = 1e-9  # of an edge, from its ends: where Ω is read
+EVERYWHERE = (-np.inf, np.inf)
 BALANCE = 1e-10  # of the flow: what the flows through the boundary may miss
 
 
@@ -58,7 +59,7 @@ class WallLaw:
         CaseError : an annular outlet without its radii
         """
         if self.outlet_profile != "annular":
-            return 0.0, np.inf
+            return EVERYWHERE
         if self.annulus is None:
             raise CaseError("an annular outlet needs its inner and outer radius", ("fluid", "annulus"))
         return self.annulus
@@ -103,7 +104,7 @@ def boundary_data(mesh: RZMesh, law: WallLaw, flow: float, along: Array) -> Boun
     velocity, out = np.zeros((len(role), len(along), 2)), np.zeros(len(role))
     moving, inlet, outlet = (np.flatnonzero(role == name) for name in ("moving", "inlet", "outlet"))
     velocity[moving] = _wall_velocity(mesh, moving, law, flow, along)
-    velocity[inlet], out[inlet] = outflow(mesh, inlet, -flow, (0.0, np.inf), along)
+    velocity[inlet], out[inlet] = outflow(mesh, inlet, -flow, EVERYWHERE, along)
     if len(outlet):
         velocity[outlet], out[outlet] = outflow(mesh, outlet, flow, law.outlet_radii, along)
     return BoundaryData(along, velocity, role != "open", ~np.isin(role, ["open", "axis", "slip"]), out)
@@ -143,7 +144,7 @@ def outflow(mesh: RZMesh, edges: Index, out: float, radii: tuple[float, float], 
     part of the outlet lies between them.
     """
     radius = mesh.ends()[edges, :, 0]
-    area = np.pi * np.abs(np.diff(np.clip(radius, *radii) ** 2, axis=1))[:, 0]
+    area = np.abs(mesh.measure.area(*np.clip(radius, *radii).T))
     if not area.sum() > 0:
         raise SolveError(f"no part of the outlet lies between the radii {radii[0]:g} and {radii[1]:g} m")
     place = radius[:, :1] * (1 - along) + radius[:, 1:] * along

@@ -1,6 +1,7 @@
 """Which solids touch: axis, wall and obstacles, in groups that hang together.
 
-In the (r, z) half-plane the axis bounds the vessel on the left and the wall on the right. Particles find a way from the
+In the (r, z) half-plane the axis bounds the vessel on the left and the wall on the right; in a slab the left wall takes
+the part of the axis. Particles find a way from the
 inlet to the outlet exactly if no chain of touching solids joins the two.
 """
 
@@ -8,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from itertools import combinations
-
-import numpy as np
 
 from granpipe.field import Array
 from granpipe.geometry.polyline import closest_approach, edges_of
@@ -38,12 +37,12 @@ class Groups:
         return any(self.joined(a, end) and self.joined(b, other) for end, other in ((AXIS, WALL), (WALL, AXIS)))
 
 
-def touching_groups(wall: Array, obstacles: Mapping[str, Array], tolerance: float) -> Groups:
-    """Groups of solids that touch: wall (n, 2), axis, and obstacles (closed polygons)."""
+def touching_groups(left: Array, wall: Array, obstacles: Mapping[str, Array], tolerance: float) -> Groups:
+    """Groups of solids that touch: axis or left wall (m, 2), wall (n, 2), and obstacles (closed polygons)."""
     groups = Groups(obstacles)
     borders = {name: edges_of(polygon, closed=True) for name, polygon in obstacles.items()}
     for name, border in borders.items():
-        if np.min(obstacles[name][:, 0]) <= tolerance:
+        if closest_approach(border, edges_of(left))[0] <= tolerance:
             groups.join(name, AXIS)
         if closest_approach(border, edges_of(wall))[0] <= tolerance:
             groups.join(name, WALL)

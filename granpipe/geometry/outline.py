@@ -1,4 +1,8 @@
-"""The outline of an axisymmetric vessel in the (r, z) plane: areas, volumes and slopes, all exact."""
+"""The outline of a vessel in the plane of its section: areas, volumes and slopes, all exact.
+
+A body of revolution lies between its axis and its wall, a slab between its left and its right wall. What is called r
+is x in a slab; the axis is the left wall of what has no left wall.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +15,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granpipe.field import Array, Grid, Mask
+from granpipe.errors import CaseError
+from granpipe.field import ROUND, Array, Grid, Mask, Measure
 from granpipe.geometry.contacts import AXIS, WALL, Groups, touching_groups
 from granpipe.geometry.edges import Edges, Side
 from granpipe.geometry.polyline import signed_area
-from granpipe.geometry.validate import ZRange, check_obstacles, check_sections, check_wall
+from granpipe.geometry.validate import ZRange, check_left, check_obstacles, check_sections, check_wall
 
 if TYPE_CHECKING:
     from granpipe.case.schema import Case
@@ -27,20 +32,24 @@ _LEVELS = 17  # between two corners, to find the widest: Ω is a parabola there
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """A vessel: the outer wall, what stands in it, and the names of its parts. Made by `of` or `from_case`.
+    """A vessel: its walls, what stands between them, and the names of its parts. Made by `of` or `from_case`.
 
     Above its inlet and below its outlet the vessel goes on straight.
 
     Parameters
     ----------
-    wall : (n, 2) points (r, z) [m] from the top down
+    wall : (n, 2) points (r, z) [m] from the top down; in a slab the right wall
     obstacles : name → (m, 2) points of a closed polygon [m], anticlockwise in (r, z), last point not repeated
     sections : name → section with z_top and z_bottom [m]
+    left : (m, 2) the axis, or the left wall, from the top down [m]
+    measure : what the section stands for
     """
 
     wall: Array
     obstacles: Mapping[str, Array]
     sections: Mapping[str, ZRange]
+    left: Array
+    measure: Measure
 
     @classmethod
     def of(
@@ -48,16 +57,27 @@ class Outline:
         wall: Points,
         obstacles: Mapping[str, Points] | None = None,
         sections: Mapping[str, ZRange] | None = None,
+        left: Points | None = None,
+        depth: float | None = None,
     ) -> Outline:
-        """Outline from points, checked: CaseError with the key path of what is wrong."""
+        """Outline from points, checked: CaseError with the key path of what is wrong.
+
+        Parameters
+        ----------
+        left, depth : left wall (m, 2) and depth [m] of a slab, of which `wall` is the right one
+        """
         points = _points(wall)
-        tolerance = _tolerance(points)
-        check_wall(points, tolerance)
+        measure = ROUND if left is None or depth is None else Measure(depth, axial=False)
+        other = points[[0, -1] if len(points) else []] * [0.0, 1.0] if left is None else _points(left)
+        tolerance = _tolerance(points, other)
+        check_wall(points, tolerance, measure.axial)
+        if not measure.axial:
+            check_left(other, points, tolerance)
         polygons = {name: _points(polygon) for name, polygon in (obstacles or {}).items()}
-        check_obstacles(points, polygons, tolerance)
+        check_obstacles(other, points, polygons, tolerance, measure.axial)
         check_sections(sections or {}, points[0, 1], points[-1, 1], tolerance)
-        level = _levelled([points, *(_anticlockwise(polygon) for polygon in polygons.values())], tolerance)
-        return cls(level[0], dict(zip(polygons, level[1:], strict=True)), dict(sections or {}))
+        level = _levelled([points, other, *(_anticlockwise(polygon) for polygon in polygons.values())], tolerance)
+        return cls(level[0], dict(zip(polygons, level[2:], strict=True)), dict(sections or {}), level[1], measure)
 
     @classmethod
     def from_case(cls, case: Case) -> Outline:
@@ -67,7 +87,10 @@ class Outline:
         ------
         CaseError : the outline is not one of a vessel
         """
-        return cls.of(case.outline.wall, case.outline.obstacles, case.outline.sections)
+        spec = case.outline
+        if spec.symmetry == "plane":
+            raise CaseError("a plane vessel cannot be computed yet", ("outline", "symmetry"))
+        return cls.of(spec.right_wall, spec.obstacles, spec.sections, spec.left, spec.depth)
 
     @property
     def z_top(self) -> float:
@@ -81,28 +104,54 @@ class Outline:
 
     @property
     def r_max(self) -> float:
-        """Largest radius of the wall [m]."""
+        """Largest radius of the wall, or largest x [m]."""
         return float(self.wall[:, 0].max())
 
     @property
+    def r_min(self) -> float:
+        """0, or the least x of a slab [m]."""
+        return float(self.left[:, 0].min())
+
+    @property
+    def outlet_width(self) -> float:
+        """Diameter, or width of the slot [m]."""
+        return 2 * self.outlet_radius if self.measure.axial else float(self.wall[-1, 0] - self.left[-1, 0])
+
+    @property
+    def halves(self) -> tuple[Outline, ...]:
+        """The vessel as its outer walls see it: itself, and the mirror image of a slab, where left is right."""
+        return (self,) if self.measure.axial else (self, self.mirrored())
+
+    def mirrored(self) -> Outline:
+        """The mirror image of a slab."""
+        turn = np.array([-1.0, 1.0])
+        obstacles = {name: polygon[::-1] * turn for name, polygon in self.obstacles.items()}
+        return Outline(self.left * turn, obstacles, self.sections, self.wall * turn, self.measure)
+
+    @cached_property
+    def border(self) -> Array:
+        """(n, 2) corners of the section without its obstacles, anticlockwise from the upper left."""
+        return _points(np.concatenate([self.left, self.wall[::-1]]))
+
+    @property
     def inlet_radius(self) -> float:
-        """[m]."""
+        """[m]; in a slab x of the right wall there."""
         return float(self.wall[0, 0])
 
     @property
     def outlet_radius(self) -> float:
-        """[m]."""
+        """[m]; in a slab x of the right wall there."""
         return float(self.wall[-1, 0])
 
     @property
     def tolerance(self) -> float:
         """Distance below which two points are taken as touching [m]."""
-        return _tolerance(self.wall)
+        return _tolerance(self.wall, self.left)
 
     @cached_property
     def groups(self) -> Groups:
-        """Which of axis, wall and obstacles touch."""
-        return touching_groups(self.wall, self.obstacles, self.tolerance)
+        """Which of axis (or left wall), wall and obstacles touch."""
+        return touching_groups(self.left, self.wall, self.obstacles, self.tolerance)
 
     def stands_on(self, name: str) -> Literal["wall", "axis", "nothing"]:
         """What an obstacle touches, be it through other obstacles."""
@@ -122,13 +171,14 @@ class Outline:
         """Free area Ω(z) [m²], obstacles taken out; at a ledge just below or just above it."""
         heights = np.asarray(z, dtype=float)
         spans, radii = self.edges.at(heights.reshape(-1), side)
-        area = np.pi * np.sum(np.where(spans, self.edges.sign[:, None] * radii**2, 0.0), axis=0)
-        return np.asarray(self._beyond(heights, side, area.reshape(heights.shape), power=2))
+        reach = np.sum(np.where(spans, self.edges.sign[:, None] * self.measure.reach(radii), 0.0), axis=0)
+        ends = [self.measure.area(*(chain[end, 0] for chain in (self.left, self.wall))) for end in (0, -1)]
+        return self._beyond(heights, side, self.measure.turn * reach.reshape(heights.shape), *ends)
 
     def intervals(self, z: float, side: Side = "below") -> list[tuple[float, float]]:
-        """Free radial intervals (r0, r1) [m] at height z, from the axis outwards; at a ledge just below or above it."""
+        """Free intervals (r0, r1) [m] at height z, from the left; at a ledge just below or above it."""
         solids = sorted(self._solid_intervals(z, side))
-        free, reached = [], 0.0
+        free, reached = [], 0.0 if self.measure.axial else -float(self.mirrored().wall_radius(z, side))
         for r0, r1 in [*solids, (float(self.wall_radius(z, side)), np.inf)]:
             if r0 - reached > self.tolerance:
                 free.append((reached, r0))
@@ -139,20 +189,21 @@ class Outline:
         """(n,) whether points r, z [m] lie in the vessel or on its walls, and in no obstacle."""
         import shapely
 
-        (top, bottom), axis = self.wall[[0, -1], 1], 0.0
-        vessel = shapely.Polygon([(axis, top), *self.wall, (axis, bottom)]).buffer(self.tolerance)
-        inside = shapely.intersects_xy(vessel, r, z) & (np.asarray(r) >= 0)
+        vessel = shapely.Polygon(self.border).buffer(self.tolerance)
+        inside = shapely.intersects_xy(vessel, r, z) & ((np.asarray(r) >= 0) | (not self.measure.axial))
         for corners in self.obstacles.values():
             inside &= ~shapely.contains_xy(shapely.Polygon(corners).buffer(-self.tolerance), r, z)
         return np.asarray(inside)
 
     def volume(self) -> float:
-        """Free volume between inlet and outlet [m³], by Pappus' theorem on every edge."""
-        return float(np.sum(self.edges.sign * self.edges.frustum_volumes()))
+        """Free volume between inlet and outlet [m³], from what lies between each edge and r = 0."""
+        return float(np.sum(self.edges.sign * self.edges.volumes(self.measure)))
 
     def widest_area(self) -> float:
         """Free area of the widest level [m²]."""
-        heights = np.unique(np.concatenate([self.wall[:, 1], *(corners[:, 1] for corners in self.obstacles.values())]))
+        heights = np.unique(
+            np.concatenate([self.border[:, 1], *(corners[:, 1] for corners in self.obstacles.values())])
+        )
         heights = heights[(heights >= self.z_bottom) & (heights <= self.z_top)]
         levels = np.concatenate([a + (b - a) * np.linspace(0, 1, _LEVELS) for a, b in pairwise(heights)])
         return float(max(self.area(levels, "above").max(), self.area(levels, "below").max()))
@@ -161,15 +212,15 @@ class Outline:
         """(nz, nr) part of the volume of each cell that lies in the vessel and outside the obstacles; exact."""
         cumulative = self.edges.volume_within(grid)
         fraction = np.diff(cumulative, axis=1) / grid.cell_volume
-        rounding = 1e-12 * grid.r_edges[-1] / grid.cell
+        rounding = 1e-12 * np.abs(grid.r_edges).max() / grid.cell
         fraction[np.abs(fraction) < rounding] = 0.0
         fraction[np.abs(fraction - 1) < rounding] = 1.0
         return fraction
 
     @cached_property
     def edges(self) -> Edges:
-        """The slanted and upright edges of wall and obstacles."""
-        return Edges.of(self.wall, self.obstacles)
+        """The slanted and upright edges of walls and obstacles."""
+        return Edges.of(self.wall, self.obstacles, None if self.measure.axial else self.left)
 
     def _at_wall(self, z: ArrayLike, side: Side) -> tuple[Array, Array]:
         heights = np.asarray(z, dtype=float)
@@ -178,15 +229,13 @@ class Outline:
         spans &= (edges.owner == 0)[:, None]
         radius = np.sum(np.where(spans, radii, 0.0), axis=0).reshape(heights.shape)
         slope = np.sum(np.where(spans, edges.slope[:, None], 0.0), axis=0).reshape(heights.shape)
-        return np.asarray(self._beyond(heights, side, radius, power=1)), slope
+        return self._beyond(heights, side, radius, self.inlet_radius, self.outlet_radius), slope
 
-    def _beyond(self, z: Array, side: Side, value: Array, power: int) -> Array:
+    def _beyond(self, z: Array, side: Side, value: Array, at_inlet: ArrayLike, at_outlet: ArrayLike) -> Array:
         """Replace the value above the inlet and below the outlet by that of the straight pipe there."""
-        scale = np.pi if power == 2 else 1.0
         above = z >= self.z_top if side == "above" else z > self.z_top
         below = z <= self.z_bottom if side == "below" else z < self.z_bottom
-        value = np.where(above, scale * self.inlet_radius**power, value)
-        return np.where(below, scale * self.outlet_radius**power, value)
+        return np.where(below, at_outlet, np.where(above, at_inlet, value))
 
     def _solid_intervals(self, z: float, side: Side) -> list[tuple[float, float]]:
         edges = self.edges
@@ -218,5 +267,7 @@ def _anticlockwise(polygon: Array) -> Array:
     return polygon if signed_area(polygon) >= 0 else polygon[::-1]
 
 
-def _tolerance(wall: Array) -> float:
-    return RELATIVE_TOLERANCE * float(np.ptp(wall[:, 1]) + wall[:, 0].max()) if len(wall) else 0.0
+def _tolerance(wall: Array, left: Array) -> float:
+    if not len(wall) or not len(left):
+        return 0.0
+    return RELATIVE_TOLERANCE * float(np.ptp(wall[:, 1]) + wall[:, 0].max() - left[:, 0].min())

@@ -11,9 +11,19 @@ import numpy as np
 from granpipe.errors import CaseError, KeyPath
 from granpipe.field import Array
 from granpipe.geometry.contacts import AXIS, WALL, touching_groups
-from granpipe.geometry.polyline import crosses, distance_to, edges_of, inside_polygon, pieces, self_contact, signed_area
+from granpipe.geometry.polyline import (
+    closest_approach,
+    crosses,
+    distance_to,
+    edges_of,
+    inside_polygon,
+    pieces,
+    self_contact,
+    signed_area,
+)
 
 WALL_KEY = ("outline", "wall")
+LEFT_KEY, RIGHT_KEY = ("outline", "left"), ("outline", "right")
 
 
 class ZRange(Protocol):
@@ -30,23 +40,57 @@ def obstacle_key(name: str) -> KeyPath:
     return "outline", "obstacles", name
 
 
-def check_wall(wall: Array, tolerance: float) -> None:
-    """CaseError unless the wall (n, 2) runs from top to bottom beside the axis without a fault."""
-    _check_points(wall, WALL_KEY, least=2)
+def check_wall(wall: Array, tolerance: float, axial: bool = True) -> None:
+    """CaseError unless the wall (n, 2), beside an axis or right in a slab, runs from top to bottom without a fault."""
+    key = WALL_KEY if axial else RIGHT_KEY
+    _check_points(wall, key, 2, axial)
     for i, (r, z) in enumerate(wall):
-        if r <= tolerance:
+        if axial and r <= tolerance:
             raise CaseError(
                 f"the wall meets the axis at z = {z:g} m and closes the vessel; give it a radius above 0 there "
                 "(the axis itself is not part of the wall)",
-                (*WALL_KEY, i),
+                (*key, i),
             )
-    _check_lengths(wall, edges_of(wall), WALL_KEY, tolerance)
+    _check_course(wall, key, tolerance)
+
+
+def check_left(left: Array, right: Array, tolerance: float) -> None:
+    """CaseError unless the left wall of a slab runs from top to bottom beside the right one, which is whole."""
+    _check_points(left, LEFT_KEY, 2, axial=False)
+    _check_course(left, LEFT_KEY, tolerance)
+    for end, what in ((0, "inlet"), (-1, "outlet")):
+        if abs(left[end, 1] - right[end, 1]) > tolerance:
+            raise CaseError(
+                f"the {what} lies at z = {left[end, 1]:g} m on the left and {right[end, 1]:g} m on the right; "
+                "let both walls begin at one height and end at one height",
+                (*LEFT_KEY, end % len(left)),
+            )
+    gap, on_left, _ = closest_approach(edges_of(left), edges_of(right))
+    heights = np.unique(np.concatenate([left[:, 1], right[:, 1]]))
+    levels = 0.5 * (heights[1:] + heights[:-1])
+    if gap <= tolerance or (_at(right, levels) <= _at(left, levels)).any():
+        x, z = on_left
+        raise CaseError(
+            f"the left wall meets the right one at [{x:g}, {z:g}]; the left wall has the smaller x at every height: "
+            "leave an opening, or exchange the two",
+            LEFT_KEY,
+        )
+
+
+def _at(wall: Array, z: Array) -> Array:
+    """x of a wall, from the top down, at heights where it has no ledge."""
+    return np.interp(z, wall[::-1, 1], wall[::-1, 0])
+
+
+def _check_course(wall: Array, key: KeyPath, tolerance: float) -> None:
+    """CaseError unless a wall runs downwards."""
+    _check_lengths(wall, edges_of(wall), key, tolerance)
     if (np.diff(wall[:, 1]) >= 0).all() and wall[-1, 1] > wall[0, 1]:
         raise CaseError(
             f"the wall runs upwards, from z = {wall[0, 1]:g} m to {wall[-1, 1]:g} m; list its points from the top down",
-            WALL_KEY,
+            key,
         )
-    _check_self_crossing(wall, edges_of(wall), WALL_KEY, tolerance, closed=False)
+    _check_self_crossing(wall, edges_of(wall), key, tolerance, closed=False)
     rising = np.flatnonzero(np.diff(wall[:, 1]) > 0)
     if len(rising):
         i = int(rising[0])
@@ -54,29 +98,32 @@ def check_wall(wall: Array, tolerance: float) -> None:
             f"the wall rises here from z = {wall[i, 1]:g} m to {wall[i + 1, 1]:g} m; an overhang gives one height two "
             "wall radii, and particles cannot fill it from above: make it a horizontal ledge, or draw the part that "
             "hangs down as an obstacle",
-            (*WALL_KEY, i + 1),
+            (*key, i + 1),
         )
     if wall[0, 1] - wall[-1, 1] <= tolerance:
-        raise CaseError(f"the wall has no height: every z is {wall[0, 1]:g} m; add a lower point", WALL_KEY)
+        raise CaseError(f"the wall has no height: every z is {wall[0, 1]:g} m; add a lower point", key)
 
 
-def check_obstacles(wall: Array, obstacles: Mapping[str, Array], tolerance: float) -> None:
+def check_obstacles(
+    left: Array, wall: Array, obstacles: Mapping[str, Array], tolerance: float, axial: bool = True
+) -> None:
     """CaseError unless the obstacles (closed polygons) lie in the vessel, apart, and leave a way through."""
     for name, polygon in obstacles.items():
-        _check_polygon(polygon, obstacle_key(name), tolerance)
-        _check_within_walls(polygon, wall, obstacle_key(name), tolerance)
+        _check_polygon(polygon, obstacle_key(name), tolerance, axial)
+        _check_within_walls(polygon, left, wall, obstacle_key(name), tolerance)
     for (first, a), (second, b) in combinations(obstacles.items(), 2):
         if _overlap(a, b, tolerance):
             raise CaseError(
                 f"overlaps obstacle {first!r}; move one of them, or draw both as one obstacle (touching is allowed)",
                 obstacle_key(second),
             )
-    groups = touching_groups(wall, obstacles, tolerance)
+    groups = touching_groups(left, wall, obstacles, tolerance)
     if groups.joined(AXIS, WALL):
         closing = [name for name in obstacles if groups.joined(name, WALL)]
         together = "" if len(closing) == 1 else f" (together with {', '.join(map(repr, closing[:-1]))})"
+        between = "axis and wall" if axial else "the walls"
         raise CaseError(
-            f"blocks the whole cross-section between axis and wall{together}; leave an opening for the particles",
+            f"blocks the whole cross-section between {between}{together}; leave an opening for the particles",
             obstacle_key(closing[-1]),
         )
 
@@ -105,13 +152,14 @@ def check_sections(sections: Mapping[str, ZRange], z_top: float, z_bottom: float
             )
 
 
-def _check_points(points: Array, key: KeyPath, least: int) -> None:
+def _check_points(points: Array, key: KeyPath, least: int, axial: bool) -> None:
+    pair = "[r, z]" if axial else "[x, z]"
     if len(points) < least:
-        raise CaseError(f"has {len(points)} point{'s' * (len(points) != 1)}; give at least {least} as [r, z]", key)
+        raise CaseError(f"has {len(points)} point{'s' * (len(points) != 1)}; give at least {least} as {pair}", key)
     for i, (r, z) in enumerate(points):
         if not (np.isfinite(r) and np.isfinite(z)):
-            raise CaseError(f"[{r:g}, {z:g}] is not a point; give finite numbers [r, z]", (*key, i))
-        if r < 0:
+            raise CaseError(f"[{r:g}, {z:g}] is not a point; give finite numbers {pair}", (*key, i))
+        if axial and r < 0:
             raise CaseError(
                 f"r = {r:g} m lies beyond the axis; the outline is one half of the vessel, r ≥ 0 (points are [r, z])",
                 (*key, i),
@@ -140,19 +188,19 @@ def _check_self_crossing(points: Array, edges: Array, key: KeyPath, tolerance: f
         )
 
 
-def _check_polygon(polygon: Array, key: KeyPath, tolerance: float) -> None:
-    _check_points(polygon, key, least=3)
+def _check_polygon(polygon: Array, key: KeyPath, tolerance: float, axial: bool) -> None:
+    _check_points(polygon, key, 3, axial)
     edges = edges_of(polygon, closed=True)
     _check_lengths(polygon, edges, key, tolerance)
     _check_self_crossing(polygon, edges, key, tolerance, closed=True)
     if abs(signed_area(polygon)) <= tolerance**2:
         raise CaseError("encloses no area; give at least three points that are not on one line", key)
-    if polygon[:, 0].max() <= tolerance:
+    if axial and polygon[:, 0].max() <= tolerance:
         raise CaseError("lies on the axis and has no radius; move its points outwards", key)
 
 
-def _check_within_walls(polygon: Array, wall: Array, key: KeyPath, tolerance: float) -> None:
-    vessel = np.concatenate([wall, [[0.0, wall[-1, 1]], [0.0, wall[0, 1]]]])
+def _check_within_walls(polygon: Array, left: Array, wall: Array, key: KeyPath, tolerance: float) -> None:
+    vessel = np.concatenate([wall, left[::-1]])
     edges = edges_of(polygon, closed=True)
     bounds = edges_of(vessel, closed=True)
     if not _strays(polygon, vessel, tolerance).any():

@@ -112,7 +112,7 @@ class PsiFit:
         self._unknowns = _unknowns(roles)
         flux = _flux_operators(grid)
         far = _far_faces(roles, grid, clearance)
-        mirrors = (-1, 1) if grid.axial else (0, 0)
+        mirrors = (-1, 1) if grid.measure.axial else (0, 0)
         stiffness = (smoothing_length / grid.cell) ** 4
         matrix = sparse.csr_matrix((roles.size, roles.size))
         self._data = []
@@ -142,14 +142,14 @@ class PsiFit:
         the plane x–z).
         """
         expand, wall_part = self._unknowns
-        wall = -solids_flow / self.grid.turn
+        wall = -solids_flow / self.grid.measure.turn
         load = expand.T @ (self._data[0] @ flux_r.ravel() + self._data[1] @ flux_z.ravel()) - wall * self._wall_load
         return np.asarray(expand @ self._factor.solve(load) + wall * wall_part).reshape(self._shape)
 
 
 def _flux_operators(grid: Grid) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
     """Nodes → faces, as `granpipe.field.flux_from_psi`: F_r = −2π Δ_z ψ / side area, F_z = 2π Δ_r ψ / ring area."""
-    turn = grid.turn
+    turn = grid.measure.turn
     rows, columns = grid.shape
     inverse_side = np.divide(1, grid.side_area, out=np.zeros(columns + 1), where=grid.side_area > 0)
     along_z = sparse.kron(_difference(rows + 1), sparse.diags_array(-turn * inverse_side))
@@ -167,7 +167,7 @@ def _difference(count: int) -> sparse.dia_array:
 def _far_faces(roles: Roles, grid: Grid, clearance: float) -> tuple[Mask, Mask]:
     """Faces (nz, nr+1), (nz+1, nr) farther than `clearance` [m] from every node of wall, void and body."""
     known = roles != FREE
-    if grid.axial:  # the axis itself is no wall, but what stands on it is
+    if grid.measure.axial:  # the axis itself is no wall, but what stands on it is
         known[:, 0] = (roles[:, 0] > AXIS) | (roles[:, 1] == AXIS)
     distance = ndimage.distance_transform_edt(~known) * grid.cell
     return (

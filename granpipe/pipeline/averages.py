@@ -156,11 +156,11 @@ def reference_range(case: Case, outline: Outline, grid: Grid) -> tuple[float, fl
     """Levels between which the reference packing is measured [m]: the plug, or the bed above an open outlet."""
     if case.dem.outlet != "open":
         return plug_range(outline, grid)
-    bottom = outline.z_bottom + DILATED_DIAMETERS * 2 * outline.outlet_radius
+    bottom = outline.z_bottom + DILATED_DIAMETERS * outline.outlet_width
     return (bottom if bottom < outline.z_top else outline.z_bottom), outline.z_top
 
 
 def plug_range(outline: Outline, grid: Grid) -> tuple[float, float]:
     """Levels between which the plug is measured [m]; the plate itself is farther below."""
-    height = max(PLUG_DIAMETERS * 2 * outline.outlet_radius, 2 * grid.cell)
+    height = max(PLUG_DIAMETERS * outline.outlet_width, 2 * grid.cell)
     return outline.z_bottom, outline.z_bottom + height

@@ -73,7 +73,7 @@ def _write_plane(field: Field, case: Case | None, folder: Path) -> None:
         return
     write_vtu(field, folder / "field.vtu")
     write_tables(field, folder)
-    if not field.grid.axial:
+    if not field.grid.measure.axial:
         (folder / "comsol").mkdir()
         write_interpolation(
             nodal_values(field),

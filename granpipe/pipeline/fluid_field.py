@@ -107,7 +107,7 @@ def _peak(plan: Plan, field: Field, followed: Sequence[tuple[float, float]]) -> 
     for low, high in followed:
         own &= (z < low) | (z > high)
     if plan.case.fluid.outlet_profile != "developed":
-        own &= z > outline.z_bottom + 2 * outline.outlet_radius
+        own &= z > outline.z_bottom + outline.outlet_width
     if not own.any():
         return 1.0
     area = np.minimum(outline.area(z, "below"), outline.area(z, "above"))

@@ -44,7 +44,7 @@ def known_results(plan: Plan) -> list[tuple[Span, ModelResult]]:
 
 
 def _check_flow(field: Field, path: Path) -> None:
-    if not field.grid.axial:
+    if not field.grid.measure.axial:
         raise CaseError(f"{path} is a field in x and z; a vessel of revolution needs one in r and z", KEY)
     if field.psi is None:
         raise CaseError(f"{path} has no stream function; make it with homogenize.method: psi", KEY)

@@ -61,7 +61,7 @@ def spans(case: Case, needs: dict[str, str], d90: float, radius: Callable[[float
     radius : wall radius [m] at a height, just "above" or "below" it
     """
     sections = case.outline.sections
-    top, bottom = case.outline.wall[0][1], case.outline.wall[-1][1]
+    top, bottom = case.outline.right_wall[0][1], case.outline.right_wall[-1][1]
     runs: list[list[str]] = []
     previous = ""
     for name in sections:  # ordered from the top
@@ -94,7 +94,7 @@ def sub_case(case: Case, span: Span) -> Case:
     ------
     CaseError : a cut passes through an obstacle
     """
-    wall = _cut(case.outline.wall, span.cut_top, span.cut_bottom)
+    wall = _cut(case.outline.right_wall, span.cut_top, span.cut_bottom)
     obstacles = {}
     for name, polygon in case.outline.obstacles.items():
         low, high = min(z for _, z in polygon), max(z for _, z in polygon)

@@ -48,7 +48,7 @@ def test_particles_are_cut_at_the_ends_of_a_depth_that_is_given_only() -> None:
     assert isinstance(whole, Box)
     assert isinstance(given, Box)
     assert (whole.cut, given.cut) == (False, True)
-    assert given.turn == pytest.approx(0.1)
+    assert given.measure.turn == pytest.approx(0.1)
     assert given.shape == whole.shape == (64, 34)
 
 
