@@ -483,7 +483,7 @@ class Field:
         ):
             if (getattr(self, one) is None) != (getattr(self, other) is None):
                 raise ValueError(f"of {one} and {other} one is missing")
-        if self.psi is not None and self.grid.axial and self.psi[:, 0].any():
+        if self.psi is not None and self.grid.measure.axial and self.psi[:, 0].any():
             raise ValueError("psi is not 0 on the axis")
 
     def _check_extra(self) -> None:

@@ -22,7 +22,7 @@ def check_vessel(field: Field, outline: Outline, path: Path) -> None:
     ------
     DataError : it is the field of another one
     """
-    if not field.grid.axial:
+    if not field.grid.measure.axial:
         return
     low, high, slack = field.grid.z_edges[0], field.grid.z_edges[-1], 0.5 * field.grid.cell
     if low < outline.z_bottom - slack or high > outline.z_top + slack:
