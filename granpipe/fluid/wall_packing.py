@@ -69,7 +69,7 @@ def packed_along_walls(field: Field, distance: Array, diameters: Array, shares: 
     grid = field.grid
     packed = field.flux_z * mean_wall_packing(distance, grid.cell, diameters, shares)
     packed *= (field.flux_z @ grid.ring_area / (packed @ grid.ring_area))[:, None]
-    part = np.cumsum(packed * grid.ring_area, axis=1) / (2 * np.pi)
+    part = np.cumsum(packed * grid.ring_area, axis=1) / grid.measure.turn
     psi = np.concatenate([np.zeros((len(packed), 1)), part], axis=1)
     flux_r, flux_z = flux_from_psi(psi, grid)
     return replace(field, flux_r=flux_r, flux_z=flux_z, psi=psi)
