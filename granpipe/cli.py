@@ -212,7 +212,7 @@ def plan(case: Path, overrides: Mapping[str, str], picture: Path | None) -> None
     from granpipe.system.rates import known_rates
 
     file, cores = _read(case, overrides), usable_cores()
-    for note in file.notes:
+    for note in (*file.notes, *file.library):
         click.echo(f"note: {note}")
     made = plan_case(file, cores)
     click.echo(plan_text(made, model_plans(file.case, cores), known_rates()))
@@ -232,7 +232,7 @@ def check(case: Path, overrides: Mapping[str, str]) -> None:
     file = _read(case, overrides)
     made = plan_case(file, usable_cores())
     click.echo(f"{vessel_text(made.outline)}\n{contents_text(made)}")
-    for warning in (*file.notes, *made.warnings, *made.breaches):
+    for warning in (*file.notes, *file.library, *made.warnings, *made.breaches):
         click.echo(f"note: {warning}")
     click.echo(f"{case}: valid")
 
@@ -276,6 +276,17 @@ def init(path: Path) -> None:
     except OSError as error:
         _fail(f"{path}: cannot be written ({error.strerror})")
     click.echo(f"wrote {path}; next: granpipe plan {path}")
+
+
+@main.command()
+def materials() -> None:
+    """List the materials of the library, with the source of each value.
+
+    A case uses one by `material: {name: glass beads, …}`.
+    """
+    from granpipe.case.library import library_text
+
+    click.echo(library_text())
 
 
 @main.command()

@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from granpipe.case.library import MaterialName
 from granpipe.case.units import ANGLE, DENSITY, LENGTH
 from granpipe.case.values import Group, OneOf, Quantity, Series, Short, Whole, refuse
 
@@ -166,6 +167,11 @@ class Size(Group):
 class Material(Group):
     """The granular material."""
 
+    name: Annotated[MaterialName | None, OneOf(MaterialName)] = Field(
+        default=None,
+        description="A material of the library (`granpipe materials`): its density and contact parameters stand where "
+        "the case gives none.",
+    )
     density: Annotated[float, Quantity(DENSITY, at_least=1, at_most=30000)] = Field(
         description="Density of a particle, its inner pores included."
     )

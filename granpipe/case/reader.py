@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from granpipe.case.drawing import with_drawing
+from granpipe.case.library import with_material
 from granpipe.case.messages import case_error
 from granpipe.case.outline import DRAWING_KEYS, SLAB, DrawingSpec, OutlineSpec
 from granpipe.case.overrides import override
@@ -21,11 +22,17 @@ from granpipe.case.yamlfile import Places, read_yaml
 
 @dataclass(frozen=True)
 class CaseFile:
-    """A case, where each of its keys stands, what was found in its drawing, and its file where it has one."""
+    """A case, where each of its keys stands, what was found in its drawing, and its file where it has one.
+
+    Parameters
+    ----------
+    library : each value that the library of materials gave, with its source
+    """
 
     case: Case
     places: Places
     notes: tuple[str, ...] = ()
+    library: tuple[str, ...] = ()
     path: Path | None = None
 
 
@@ -42,7 +49,7 @@ def read_case(path: Path, overrides: Mapping[str, str] | None = None) -> CaseFil
 
 def case_of(file: CaseFile) -> Case:
     """The case alone, which remembers where its keys stand."""
-    file.case._origin = file.places, file.notes
+    file.case._origin = file.places, file.notes, file.library
     return file.case
 
 
@@ -68,8 +75,9 @@ def resolve(
         override(data, places, key, text)
     refuse_renamed(data, places)
     notes = with_drawing(data, places, folder)
+    taken = with_material(data, places)
     try:
-        return CaseFile(Case.model_validate(data), places, notes)
+        return CaseFile(Case.model_validate(data), places, notes, taken)
     except ValidationError as error:
         raise case_error(error, data, places) from None
 

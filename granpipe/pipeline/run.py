@@ -124,6 +124,7 @@ def _run(
     withdraw(failure_folder(folder), context.progress.note)
     if file.case.homogenize.fields:
         made = _with_derived(made, file.case.homogenize.fields)
+    made = replace(made, notes=(*file.library, *made.notes))
     for note in made.notes:
         context.progress.note(f"note: {note}")
     context.progress.stage("results")
