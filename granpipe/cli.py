@@ -280,7 +280,7 @@ def init(path: Path) -> None:
 
 @main.command()
 def materials() -> None:
-    """List the materials of the library, with the source of each value.
+    """List the library of materials, with sources.
 
     A case uses one by `material: {name: glass beads, …}`.
     """
