@@ -117,6 +117,17 @@ class _Level(click.ParamType):  # type: ignore[type-arg]
         return _Quantity("length").convert(text, param, ctx)
 
 
+class _Picture(click.ParamType):  # type: ignore[type-arg]
+    """The file of a picture: matplotlib would take its kind from another ending, or add one."""
+
+    name = "file.png"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        if (path := Path(value)).suffix != ".png":
+            self.fail(f"{value}: pictures are PNG files; give a name that ends in .png", param, ctx)
+        return path
+
+
 class _Override(click.ParamType):  # type: ignore[type-arg]
     """`key=value`: a dotted key of the case and its value as YAML."""
 
@@ -197,7 +208,7 @@ def run(case: Path, overrides: Mapping[str, str], results: Path, total_error: fl
 @main.command()
 @_CASE
 @_SET
-@click.option("--picture", type=_PATH, help="PNG file to draw the plan into; default: CASE with .plan.png.")
+@click.option("--picture", type=_Picture(), help="PNG file to draw the plan into; default: CASE with .plan.png.")
 def plan(case: Path, overrides: Mapping[str, str], picture: Path | None) -> None:
     """Show what a run of CASE would do, leave out and cost.
 
@@ -243,7 +254,7 @@ def check(case: Path, overrides: Mapping[str, str]) -> None:
 @click.option("--axis", type=float, help="Where the axis lies, in the drawing's unit; found unless given.")
 @click.option("--up", type=click.Choice(["x", "-x", "y", "-y", "z", "-z"]), help="Direction that points up.")
 @click.option("--tolerance", type=float, help="How far a curve may lie off the straight lines that stand for it.")
-@click.option("--picture", type=_PATH, help="PNG file to draw what was found; default: FILE with .outline.png.")
+@click.option("--picture", type=_Picture(), help="PNG file to draw what was found; default: FILE with .outline.png.")
 def outline(
     file: Path, unit: str, axis: float | None, up: str | None, tolerance: float | None, picture: Path | None
 ) -> None:
@@ -363,7 +374,7 @@ def scale(result: Path, flow: str, out: Path) -> None:
               help="What to draw on the half section of the vessel.")  # fmt: skip
 @click.option("--profile", type=_Level(), metavar="z=HEIGHT",
               help="Draw the profile across a level instead, such as z=4.4 or z=440cm.")  # fmt: skip
-@click.option("--out", type=_PATH, help="PNG file to write; default: named after RESULT, in the current folder.")
+@click.option("--out", type=_Picture(), help="PNG file to write; default: named after RESULT, in the current folder.")
 @click.option("--show", is_flag=True, help="Open the picture with the viewer of the desktop.")
 def plot(result: Path, what: str, profile: float | None, out: Path | None, show: bool) -> None:
     """Draw one picture of RESULT, at the flow rate of the process.

@@ -363,7 +363,10 @@ _OWN_OPTIONS = {
 }
 """Key of cluster.yaml → options of sbatch that it gives; those without a key granpipe chooses, or reads sbatch by."""
 
-_OWN_WORDS = ("eval", "exec", "exit", "kill", "logout", "return", "sbatch", "scancel", "set", "trap", "wait")
+_OWN_WORDS = {
+    *("alias", "builtin", "command", "enable", "eval", "exec", "exit", "kill", "logout", "return", "sbatch", "scancel"),
+    *("scontrol", "set", "srun", "suspend", "trap", "wait"),
+}
 
 
 def _own_option(option: str) -> str:

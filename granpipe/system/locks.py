@@ -12,6 +12,7 @@ import fcntl
 import json
 import os
 import socket
+import stat
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -55,7 +56,7 @@ def locked(
 
     Raises
     ------
-    RunError : another process holds it, or the file system has no locks
+    RunError : another process holds it, the file system has no locks, or the file is no lock
     """
     end = time.monotonic() + patience
     while (file := _try_lock(path, fcntl.LOCK_EX | fcntl.LOCK_NB)) is None:
@@ -69,6 +70,7 @@ def locked(
             if (file := _try_lock(path, fcntl.LOCK_EX)) is not None:
                 break
     with file:
+        _check_own(file, path)
         file.truncate(0)
         file.write(json.dumps(asdict(Owner(socket.gethostname(), os.getpid()))))
         file.flush()
@@ -95,7 +97,7 @@ def shared(path: Path) -> Iterator[None]:
 def holder(path: Path) -> Owner | None:
     """The process that holds a lock alone; None where there is none."""
     try:
-        file = path.open()
+        file = _opened(path, os.O_RDONLY)
     except FileNotFoundError:
         return None
     with file:
@@ -113,7 +115,7 @@ def _try_lock(path: Path, mode: int) -> IO[str] | None:
     """
     with explained(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        file = path.open("a+")
+        file = _opened(path, os.O_RDWR | os.O_CREAT)
     try:
         fcntl.flock(file, mode)
         if os.path.samestat(os.fstat(file.fileno()), path.stat()):
@@ -135,9 +137,43 @@ def _try_lock(path: Path, mode: int) -> IO[str] | None:
     return None
 
 
+def _opened(path: Path, flags: int) -> IO[str]:
+    """The file of a lock; RunError where another thing has its name: a link might lead to a file of the user's."""
+    try:
+        descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
+            raise RunError(_not_ours(path)) from error
+        raise
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise RunError(_not_ours(path))
+    return os.fdopen(descriptor, "r+" if flags & os.O_RDWR else "r")
+
+
+def _check_own(file: IO[str], path: Path) -> None:
+    """RunError where a file that others wrote has the name of a lock."""
+    with contextlib.suppress(ValueError):
+        text = file.read(_MOST_OWNER)
+        if not text or _owner_in(text).pid:
+            file.seek(0)
+            return
+    raise RunError(_not_ours(path))
+
+
+def _not_ours(path: Path) -> str:
+    return f"{path}: not a lock that granpipe wrote; move it away and run again"
+
+
 def _owner(path: Path) -> Owner:
-    with contextlib.suppress(OSError, ValueError, RecursionError), path.open() as file:
-        match json.loads(file.read(_MOST_OWNER)):
+    with contextlib.suppress(OSError, ValueError), path.open() as file:
+        return _owner_in(file.read(_MOST_OWNER))
+    return Owner()
+
+
+def _owner_in(text: str) -> Owner:
+    with contextlib.suppress(ValueError, RecursionError):
+        match json.loads(text):
             case {"host": str(host), "pid": int(pid)} if 0 < pid < 2**31:
                 return Owner(host, pid)
     return Owner()

@@ -49,6 +49,14 @@ def test_a_file_that_is_there_is_not_replaced(result: Path) -> None:
     assert Path("mine.png").read_text() == "precious"
 
 
+@pytest.mark.parametrize("name", ["picture.txt", "picture.pdf", "picture", ""])
+def test_a_picture_that_is_no_png_is_refused(name: str, result: Path) -> None:
+    done = plot("silo", "--out", name)
+    assert done.exit_code == 2
+    assert "give a name that ends in .png" in done.output
+    assert [path.name for path in Path().iterdir()] == ["silo"]
+
+
 @pytest.mark.parametrize("text", ["", "null", "{}", "[" * 100_000])
 def test_a_damaged_manifest_is_not_taken_for_none(text: str, result: Path) -> None:
     (result / "manifest.json").write_text(text)

@@ -92,6 +92,31 @@ def test_two_processes_do_not_work_on_one_stage(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("kind", ["link", "pipe", "folder", "letter"])
+def test_what_is_no_lock_is_not_taken_for_one(tmp_path: Path, kind: str) -> None:
+    """A link in its place led to a file of the user's, which was emptied."""
+    lock, letter = tmp_path / ".walls-k.lock", tmp_path / "letter"
+    letter.write_text("dear reader")
+    match kind:
+        case "link":
+            lock.symlink_to(letter)
+        case "pipe":
+            os.mkfifo(lock)
+        case "folder":
+            lock.mkdir()
+        case "letter":
+            lock.write_text("dear reader")
+    with pytest.raises(RunError, match="not a lock that granpipe wrote; move it away"):
+        Store(tmp_path).make("walls", "k", writes("1"))
+    assert letter.read_text() == "dear reader"
+    assert os.path.lexists(lock)
+
+
+def test_the_lock_of_a_process_that_was_killed_is_taken_over(tmp_path: Path) -> None:
+    (tmp_path / ".walls-k.lock").write_text('{"host": "there", "pid": 12}')
+    assert Store(tmp_path).make("walls", "k", writes("1")).is_dir()
+
+
 @pytest.mark.parametrize("number", [errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS])
 def test_a_file_system_without_locks_is_one_message(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int

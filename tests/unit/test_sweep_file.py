@@ -187,6 +187,8 @@ def test_a_profile_is_read(read):
         ("--qos=long", "--no-requeue", "leave it out"),
         ("activate]", "activate, eval $X]", "`eval` would take the script"),
         ("activate]", "activate, exec sleep 9]", "`exec` would take the script"),
+        ("activate]", "activate, command eval true]", "`command` would take the script"),
+        ("activate]", "activate, builtin exit 0]", "`builtin` would take the script"),
         ("activate]", 'activate, "trap true TERM"]', "`trap` would take the script"),
         ("partition", "partitoin", "did you mean `partition`?"),
     ],
