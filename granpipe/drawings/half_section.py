@@ -345,13 +345,18 @@ def _downwards(points: Points) -> bool:
 
 def _straightened(points: Points, tolerance: float, closed: bool = False) -> Points:
     """The same line without the points that lie on straight stretches of it."""
-    from shapely import LineString, Polygon
+    from shapely import LineString
+
+    def simplified(line: Points) -> Points:
+        return np.array(LineString(line).simplify(tolerance).coords)
 
     if not closed:
-        return np.array(LineString(points).simplify(tolerance).coords)
-    # a ring keeps its first point: begin at a true corner
-    start = int(np.lexsort((points[:, 1], points[:, 0]))[0])
-    return np.array(Polygon(np.roll(points, -start, axis=0)).simplify(tolerance).exterior.coords)[:-1]
+        return simplified(points)
+    # A ring is two lines between true corners: its lowest innermost point and the one farthest from that. Shapely would
+    # keep the first points of a ring even where they are on a straight stretch.
+    ring = np.roll(points, -int(np.lexsort((points[:, 1], points[:, 0]))[0]), axis=0)
+    far = int(np.argmax(np.hypot(*(ring - ring[0]).T)))
+    return np.vstack([simplified(ring[: far + 1])[:-1], simplified(np.vstack([ring[far:], ring[:1]]))[:-1]])
 
 
 def _names(obstacles: Sequence[Points], given: Sequence[tuple[str, Polygon]]) -> list[str]:

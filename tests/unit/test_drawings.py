@@ -126,6 +126,21 @@ def test_an_arc_is_flattened_to_the_tolerance(tmp_path: Path) -> None:
     assert wall[-1] == pytest.approx((0.6, 0.2), abs=1e-9)
 
 
+def test_a_sphere_on_the_axis_of_a_whole_section_has_one_edge_along_the_axis(tmp_path: Path) -> None:
+    """Drawn as a circle, with both halves of the wall, away from x = 0."""
+    angle = np.linspace(0, 2 * np.pi, 97)
+    circle = np.column_stack([50 + 12 * np.cos(angle), 130 + 12 * np.sin(angle)])
+    sides = [[(50 + s * 45, 200), (50 + s * 45, 90), (50 + s * 22, 40), (50 + s * 22, 0)] for s in (1, -1)]
+    lines = [("0", side, False) for side in sides] + [("0", [tuple(point) for point in circle], True)]
+    section = read_drawing(write_dxf(tmp_path / "kiln.dxf", lines, insunits=4)).section
+    (sphere,) = section.obstacles.values()
+    on_axis = sphere[sphere[:, 0] == 0]
+    assert sorted(on_axis[:, 1].tolist()) == pytest.approx([118, 142])
+    assert not [note for note in section.notes if "edge" in note]
+    outline = Outline.of(section.wall, section.obstacles)
+    assert outline.area(130) == pytest.approx(math.pi * (45**2 - 12**2), rel=1e-3)
+
+
 def test_what_overhangs_becomes_an_obstacle_below_an_upright_wall(tmp_path: Path) -> None:
     wall = [(1.0, 4.0), (1.0, 2.0), (0.6, 2.3), (0.5, 1.0), (0.5, 0.0)]
     section = read_drawing(write_csv(tmp_path / "a.csv", [wall]), unit="m").section
