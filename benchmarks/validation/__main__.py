@@ -36,7 +36,13 @@ def main(
         for case, name in pieces:
             run_piece(case, name, results, data)
     if short:
-        judged = [one for case in CASES if (found := results_of(case, data)[0]) for one in case.judge(found)]
+        chosen = dict.fromkeys(case.name for case, _ in pieces)
+        judged = [
+            one
+            for case in CASES
+            if case.name in chosen and (found := results_of(case, data)[0])
+            for one in case.judge(found)
+        ]
         for one in judged:
             click.echo(f"{one.quantity}: others {one.expected}, granpipe {one.found}: {one.word}")
         sys.exit(4 if any(one.passed is False for one in judged) else 0)

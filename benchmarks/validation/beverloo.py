@@ -173,7 +173,6 @@ CASE = Case(
     pieces=PIECES,
     judge=judge,
     draw=draw,
-    short=[file_name(6, 0.5, 1)],
 )
 
 

@@ -123,11 +123,12 @@ CASE = Case(
     name="hoppers",
     title="Mass flow and funnel flow",
     about="""
-        Twelve cones of three half-angles and four wall frictions, simulated for the [wall factor](wall_factor.md):
-        the flow within one particle diameter of the wall, over the mean at its height, at the level where it is
-        slowest. Jenike's limit is taken for the bulk's own angles of friction, which virtual shear cells give for the
-        contact parameters ([bulk friction](bulk_friction.md)): a wall's is 14° at most there, since particles roll
-        along it, so that none of the twelve lies beyond the limit; two flatter cones of 60° were added.
+        Twelve cones of three half-angles and four wall frictions, simulated on 2026-11-28 for the [wall
+        factor](wall_factor.md) and kept: the flow within one particle diameter of the wall, over the mean at its
+        height, at the level where it is slowest. Jenike's limit is taken for the bulk's own angles of friction, which
+        virtual shear cells give for the contact parameters ([bulk friction](bulk_friction.md)): a wall's is 14° at
+        most there, since particles roll along it, so that none of the twelve lies beyond the limit; two flatter cones
+        of 60° were added.
     """,
     source="Jenike (1964), in the closed form of Arnold & McLean, Powder Technology 13, 255 (1976).",
     criterion="""

@@ -1,0 +1,109 @@
+"""The validation against others: its judges on data of known answers, and the page against the data that is kept."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from validation import beverloo, error_bars, hoppers, monte_carlo, repose
+from validation.page import lines
+from validation.suite import CASES, results_of
+
+from granpipe.dem.snapshot import Snapshot
+from granpipe.field import Grid
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "benchmarks" / "references" / "validation"
+
+
+def test_the_page_is_that_of_the_kept_results() -> None:
+    judged = {case.name: list(case.judge(results_of(case, DATA)[0])) for case in CASES if results_of(case, DATA)[0]}
+    assert judged
+    page = (ROOT / "docs" / "validation" / "validation.md").read_text()
+    assert page == "\n".join(lines(judged, DATA)) + "\n"
+
+
+def test_kept_results_are_of_pieces_that_there_are() -> None:
+    pieces = {case.name: set(case.pieces) for case in CASES}
+    for path in DATA.glob("*.json"):
+        assert set(json.loads(path.read_text())) <= pieces[path.stem]
+
+
+def test_beverloo_finds_the_constants_of_exact_rates() -> None:
+    ratio = np.array([6.0, 8.0, 10.0, 12.0, 6.0, 8.0])
+    (c, k), half = beverloo.beverloo(ratio, 0.61 * (ratio - 1.45) ** 2.5)
+    assert (c, k) == (pytest.approx(0.61, rel=1e-6), pytest.approx(1.45, rel=1e-6))
+    assert np.all(half < 1e-6)
+
+
+def test_beverloo_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    rng, held, ratio = np.random.default_rng(1), [], np.array([6.0, 8.0, 10.0, 12.0, 6.0, 8.0])
+    for _ in range(300):
+        rate = 0.58 * (ratio - 1.4) ** 2.5 * np.exp(0.01 * rng.standard_normal(len(ratio)))
+        (c, k), (c_half, k_half) = beverloo.beverloo(ratio, rate)
+        held.append((abs(c - 0.58) <= c_half, abs(k - 1.4) <= k_half))
+    assert np.mean(held, axis=0) == pytest.approx([0.95, 0.95], abs=0.04)
+
+
+def test_spreading_finds_b_of_gaussian_profiles() -> None:
+    radius = np.linspace(0.125, 9.9, 40)
+    profiles = [np.exp(-(radius**2) / (2.0 + 4 * 1.7 * z)) / (2.0 + 4 * 1.7 * z) for z in beverloo.HEIGHTS]
+    b, error, straight, levels = beverloo.spreading({"radius": radius, "profiles": profiles, "ratio": 8})
+    assert b == pytest.approx(1.7, rel=1e-4)
+    assert error < 1e-3
+    assert straight > 0.9999
+    assert levels >= 4
+
+
+def test_random_points_agree_with_the_homogenizer_on_moving_spheres() -> None:
+    rng = np.random.default_rng(2)
+    count, grid = 30, Grid(np.linspace(0, 0.04, 9), np.linspace(0, 0.05, 11))
+    place = np.column_stack([rng.uniform(-0.02, 0.02, (count, 2)), rng.uniform(0.005, 0.045, count)])
+    move = rng.normal(0, 1e-3, (count, 3)) - [0, 0, 2e-3]
+
+    def at(step: int) -> Snapshot:
+        position = place + step * move
+        values = np.column_stack([np.arange(1.0, count + 1), position, move, np.full(count, 4e-3)])
+        names = ("id", "x", "y", "z", "vx", "vy", "vz", "radius")
+        return Snapshot(step, np.array([[-1.0, 1.0]] * 3), names, values)
+
+    found = monte_carlo.compare([0.0, 1.0, 2.0], [at(step) for step in range(3)], grid)
+    for name in ("volume", "flow_r", "flow_z"):
+        observed, noise, _, upper = found[name]
+        assert observed < 1.3 * noise
+        assert upper < 0.05  # thirty particles are few
+
+
+def test_error_bars_of_independent_noise_hold() -> None:
+    rng, data = np.random.default_rng(3), {}
+    for seed in range(6):
+        data[seed] = {"effective": 30.0, "speed": 1.0}
+        for name in error_bars.NAMES:
+            data[seed][name] = 1 + 0.1 * rng.standard_normal((40, 40))
+            data[seed][f"{name}_se"] = 0.1 * np.sqrt(rng.chisquare(29, (40, 40)) / 29)
+    for name in error_bars.NAMES:
+        ratio, held = error_bars.measured(data, name)
+        assert ratio == pytest.approx(1, abs=0.05)
+        assert held == pytest.approx(0.95, abs=0.015)
+
+
+def test_zhou_is_the_published_formula_with_arms_in_millimetres() -> None:
+    # by hand for d = 6 mm, μ = 0.5, μ_r = 0.1: 68.61 · 0.5^0.49 · 0.15^0.06 · 0.3^0.12 · 6^−0.2, arms 0.15 and 0.3 mm
+    assert repose.zhou(0.5, 0.1) == pytest.approx(68.61 * 0.7120 * 0.8924 * 0.8655 * 0.6988, rel=1e-3)
+
+
+def test_a_cone_is_in_mass_flow_on_the_right_side_of_the_limit() -> None:
+    one = {"half_angle": 30.0, "wall_friction": 0.3, "slowest": 0.4, "limit": 41.0, "internal": 25.0, "wall": 14.0}
+    words = []
+    for changes in (
+        {},
+        {"slowest": 0.01},
+        {"half_angle": 60.0},
+        {"half_angle": 60.0, "slowest": 0.01},
+        {"limit": 32.0},
+    ):
+        (verdict,) = hoppers.judge({"cones": {"x": one | changes}})
+        words.append(verdict.passed)
+    assert words == [True, False, False, True, None]
