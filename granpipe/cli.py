@@ -406,18 +406,19 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     from granpipe.field import Field
     from granpipe.geometry.outline import Outline
     from granpipe.pipeline.field_vessel import check_vessel
-    from granpipe.pipeline.provenance import known_gates
+    from granpipe.pipeline.provenance import verified_gates
     from granpipe.system.manifest import verify
 
     verify(one, "field.npz", "case.yaml")
     verify(other, "field.npz")
+    gates = {folder: verified_gates(folder) for folder in (one, other)}
     fields = Field.load(one / "field.npz"), Field.load(other / "field.npz")
     case = _read_result(one).case
     check_vessel(fields[0], Outline.from_case(case), one / "field.npz")
     diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
     click.echo(difference_table(compare_fields(*fields, case.outline.levels, diameter), tolerance))
-    for folder in (one, other):
-        _tell(f"{folder}: quality gate failed: {gate}" for gate in known_gates(folder) or () if not gate.passed)
+    for folder, known in gates.items():
+        _tell(f"{folder}: quality gate failed: {gate}" for gate in known if not gate.passed)
 
 
 @main.command()

@@ -9,8 +9,10 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from granpipe.errors import DataError
 from granpipe.pipeline.gates import Gate
 from granpipe.system.jsonfile import read_json
+from granpipe.system.manifest import read_manifest, verify
 
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -21,11 +23,13 @@ class Provenance:
 
     Parameters
     ----------
+    case : name of the case
     wall_seconds : what it took
     quality : its gates
     figures : everything measured, by name
     """
 
+    case: str
     wall_seconds: Seconds
     quality: tuple[Gate, ...]
     figures: dict[str, Any]
@@ -39,6 +43,20 @@ class Provenance:
         DataError : there is none, or it is damaged
         """
         return read_json(folder / "provenance.json", cls)
+
+    @classmethod
+    def of_point(cls, folder: Path) -> Provenance:
+        """That of a point of a sweep, whose case is named as its folder.
+
+        Raises
+        ------
+        DataError : it is missing, damaged, changed since granpipe wrote it, or that of another point
+        """
+        verify(folder, "provenance.json")
+        found = cls.read(folder)
+        if found.case != folder.name:
+            raise DataError(f"{folder}: the results of another point, {found.case}; run it again")
+        return found
 
     @property
     def numbers(self) -> Iterator[tuple[str, float]]:
@@ -57,6 +75,19 @@ def known_gates(folder: Path) -> tuple[Gate, ...] | None:
     """
     path = folder / "provenance.json"
     return read_json(path, _Quality).quality if path.exists() else None
+
+
+def verified_gates(folder: Path) -> tuple[Gate, ...]:
+    """The same of a folder with a manifest, where they must be as granpipe wrote them; empty where it wrote none.
+
+    Raises
+    ------
+    DataError : they are missing, damaged or changed, or the manifest is
+    """
+    if "provenance.json" not in read_manifest(folder):
+        return ()
+    verify(folder, "provenance.json")
+    return known_gates(folder) or ()
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from granpipe.geometry.outline import Outline
 from granpipe.pipeline.exports import write_exports
 from granpipe.pipeline.field_vessel import check_vessel
 from granpipe.pipeline.gates import Gate
-from granpipe.pipeline.provenance import known_gates
+from granpipe.pipeline.provenance import verified_gates
 from granpipe.planning.flow import check_flow_rate, target_flow
 from granpipe.system.jsonfile import write_json
 from granpipe.system.manifest import verify
@@ -45,9 +45,8 @@ def scale_results(source: Path, case: Case, target: Path) -> Scaled:
         the bulk, so that they tell no mass flow
     CaseError : the flow rate is above the free discharge through an opening
     """
-    gates = known_gates(source)
-    verify(source, "field.npz", "case.yaml", *(() if gates is None else ("provenance.json",)))
-    gates = gates or ()
+    verify(source, "field.npz", "case.yaml")
+    gates = verified_gates(source)
     field = Field.load(source / "field.npz")
     packing = field.bulk_packing
     if not LEAST_PACKING <= packing <= MOST_PACKING:

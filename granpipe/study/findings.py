@@ -193,14 +193,14 @@ def _point(
 ) -> StudyPoint:
     file = point_case(folder, name, ranks=1)
     plan, results = plan_case(file, cores=1), folder.points / name
-    verify(results, "field.npz", "provenance.json")
-    field = Field.load(results / "field.npz")
+    verify(results, "field.npz")
+    field, provenance = Field.load(results / "field.npz"), Provenance.of_point(results)
     runs = [_finished_run(submodel, store, tools) for submodel in plan.runs]
     finished = runs[0] if plan.settings is not None else None
     cores = max((one.cores for one in runs), default=1)
     seconds = sum(one.seconds(np.inf) for one in runs)
     if finished is None:  # what is not DEM counts as well
-        wall = Provenance.read(results).wall_seconds
+        wall = provenance.wall_seconds
         waited = sum(one.wall_seconds for one in runs)
         seconds += wall - waited if wall > waited else wall  # the DEM may have been done before
     return StudyPoint(name, axis, folder.variants[name].changes, plan, field, finished, seconds, cores, forecast)

@@ -103,7 +103,7 @@ def _row(folder: Folder, status: PointStatus, keys: Sequence[str]) -> Row:
 
 
 def _measured(folder: Path) -> dict[str, str | float]:
-    provenance = Provenance.read(folder)
+    provenance = Provenance.of_point(folder)
     gates = provenance.quality
     found: dict[str, str | float] = {"wall_seconds": provenance.wall_seconds}
     found["failed_gates"] = sum(not gate.passed for gate in gates)

@@ -22,6 +22,7 @@ from granpipe.errors import CaseError, DataError
 from granpipe.sweep.inputs import SweepInput
 from granpipe.sweep.state import State
 from granpipe.sweep.variants import Variant
+from granpipe.system.jsonfile import read_json
 from granpipe.system.locks import Owner, holder, locked
 from granpipe.system.manifest import is_whole
 from granpipe.system.store import key_of
@@ -94,8 +95,8 @@ class Folder:
         return state is not None and state.phase == "done" and (self.points / name / "provenance.json").is_file()
 
     def is_whole(self, name: str) -> bool:
-        """Whether a point is done, and every file of its results is as it was written."""
-        return self.is_done(name) and is_whole(self.points / name)
+        """Whether a point is done, its results are its own, and every file of them is as it was written."""
+        return self.is_done(name) and is_whole(self.points / name) and _case_in(self.points / name) == name
 
     @contextlib.contextmanager
     def started(self) -> Iterator[None]:
@@ -124,6 +125,19 @@ class Folder:
     @property
     def _lock(self) -> Path:
         return self.root / f".sweep-{self.name}.lock"
+
+
+@dataclass(frozen=True)
+class _Record:
+    case: str
+
+
+def _case_in(results: Path) -> str:
+    """The case that a results folder is of, which is named as its point."""
+    try:
+        return read_json(results / "provenance.json", _Record).case
+    except DataError:
+        return ""
 
 
 def find_folder(path: Path, results: Path) -> Folder:

@@ -117,7 +117,10 @@ def _merge(aside: Path, target: Path, note: Callable[[str], None]) -> None:
         _put(aside / name, target, name, written[name], note)
     for name in sorted(written.keys() - {*names, MANIFEST}):
         _remove(target, name, written[name], note)
-    replace_whole(aside / MANIFEST, Path(os.path.realpath(target / MANIFEST)))
+    manifest = Path(os.path.realpath(target / MANIFEST))
+    if manifest.is_dir():
+        _keep(manifest, note)
+    replace_whole(aside / MANIFEST, manifest)
 
 
 def _written(target: Path) -> defaultdict[str, set[str]]:

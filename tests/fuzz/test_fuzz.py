@@ -200,7 +200,7 @@ OPTION = {
 
 FILES: dict[str, tuple[object, Callable[[Path], object]]] = {
     "provenance.json": (
-        {"wall_seconds": 1.5, "quality": [GATE], "figures": {"flow": 1.0, "errors": {"whole": 0.1}}},
+        {"case": "a", "wall_seconds": 1.5, "quality": [GATE], "figures": {"flow": 1.0, "errors": {"whole": 0.1}}},
         lambda path: list(Provenance.read(path.parent).numbers),
     ),
     "provenance.json of a case": (IDENTITY, lambda path: Identity.read(path.parent)),

@@ -156,6 +156,15 @@ def test_an_emptied_file_and_a_damaged_manifest_lose_nothing(target: Path) -> No
     assert contents(target) == NEW | {"comsol/flow.changed-1.txt": "old", "figures/w.png": "old"}
 
 
+def test_a_folder_in_the_place_of_the_manifest_is_kept_aside(target: Path) -> None:
+    (target / "manifest.json").unlink()
+    (target / "manifest.json").mkdir()
+    (target / "manifest.json" / "letter").write_text("mine")
+    assert any("manifest.json is not as granpipe wrote it" in note for note in write(target, NEW))
+    assert (target / "manifest.changed-1.json" / "letter").read_text() == "mine"
+    assert (target / "field.npz").read_text() == "new"
+
+
 def test_a_manifest_cannot_name_files_outside_of_its_folder(target: Path, tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("old")
     text = (target / "manifest.json").read_text()

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from granpipe.api.result import load_result
 from granpipe.case.reader import read_case
 from granpipe.case.schema import Case
+from granpipe.cli import main
 from granpipe.errors import CaseError, DataError, RunError
 from granpipe.field import Field, Grid, flux_from_psi
 from granpipe.geometry.outline import Outline
@@ -73,6 +75,23 @@ def test_the_marks_of_a_result_go_with_the_scaled_one(results: Path, tmp_path: P
     again = scale_results(tmp_path / "out", case_at("3 m^3/h"), tmp_path / "again")
     assert again.failed == scaled.failed
     assert load_result(tmp_path / "again").gates[0] == Gate(**mark)
+
+
+@pytest.mark.parametrize("damage", ["gone", "edited"])
+def test_marks_that_are_gone_or_edited_are_not_taken_for_none(damage: str, results: Path, tmp_path: Path) -> None:
+    mark = {"name": "statistical error", "value": 0.2, "limit": "at most 5%", "passed": False}
+    record = results / "provenance.json"
+    record.write_text(json.dumps({"quality": [mark]}))
+    write_manifest(results)
+    if damage == "gone":
+        record.unlink()
+    else:
+        record.write_text('{"quality": []}')
+    with pytest.raises(DataError, match=r"provenance\.json: missing, damaged or changed"):
+        scale_results(results, case_at("7.2 m^3/h"), tmp_path / "out")
+    done = CliRunner().invoke(main, ["compare", str(results), str(results)])
+    assert done.exit_code == 3
+    assert "provenance.json: missing, damaged or changed" in done.output
 
 
 def test_a_flow_above_free_discharge_is_refused_and_nothing_is_written(results: Path, tmp_path: Path) -> None:

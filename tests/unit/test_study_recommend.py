@@ -169,7 +169,7 @@ def test_afterwards_it_says_what_it_got(results: Path) -> None:
     chosen = recommend(smoke(), results, 0.11)
     folder = results / "smoke"
     folder.mkdir()
-    provenance = {"wall_seconds": 12.3, "quality": [], "figures": {"statistical_error": {"whole": 0.08}}}
+    provenance = {"case": "a", "wall_seconds": 12.3, "quality": [], "figures": {"statistical_error": {"whole": 0.08}}}
     (folder / "provenance.json").write_text(json.dumps(provenance))
     assert chosen.obtained(folder) == "took 12 s; error 10.0%: 8.0% statistical as measured now, 6.0% from the study"
 

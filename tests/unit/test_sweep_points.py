@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from granpipe.errors import CaseError
+from granpipe.errors import CaseError, DataError
 from granpipe.progress import Silent
 from granpipe.sweep.collect import write_table
 from granpipe.sweep.file import read_sweep
@@ -52,13 +52,13 @@ def test_planning_knows_what_is_done_by_the_case_that_is_to_be_run(tmp_path):
     with folder.started():
         replace(State.begins(folder.key("slip")), phase="done").save(folder.state_file("slip"))
         (folder.points / "slip").mkdir()
-        (folder.points / "slip" / "provenance.json").write_text("{}")
+        (folder.points / "slip" / "provenance.json").write_text('{"case": "slip"}')
         write_manifest(folder.points / "slip")
     assert Folder(folder.root).is_done("slip")
     assert len(planned(tmp_path, SWEEP)[1]) == 2
-    (folder.points / "slip" / "provenance.json").write_text("{ }")  # damaged: to be made anew
+    (folder.points / "slip" / "provenance.json").write_text('{"case": "slip" }')  # damaged: to be made anew
     assert len(planned(tmp_path, SWEEP)[1]) == 3
-    (folder.points / "slip" / "provenance.json").write_text("{}")
+    (folder.points / "slip" / "provenance.json").write_text('{"case": "slip"}')
     assert len(planned(tmp_path, SWEEP.replace("model: fluid", "figures: []"))[1]) == 3
 
 
@@ -123,12 +123,31 @@ def done_folder(root, values, chart, key="fluid.order"):
     folder = Folder(root / "sweep", SweepInput("name: a\n", variants, (key,), chart))
     with folder.started():
         pass
-    provenance = {"quality": [], "wall_seconds": 3.0, "figures": {"residual": 1e-9}}
+    provenance = {"case": "", "quality": [], "wall_seconds": 3.0, "figures": {"residual": 1e-9}}
     for name in variants:
         replace(State.begins(folder.key(name)), phase="done").save(folder.state_file(name))
         (folder.points / name).mkdir()
-        (folder.points / name / "provenance.json").write_text(json.dumps(provenance))
+        (folder.points / name / "provenance.json").write_text(json.dumps(provenance | {"case": name}))
+        write_manifest(folder.points / name)
     return folder
+
+
+def test_results_of_two_points_that_changed_places_are_noticed(tmp_path):
+    folder = done_folder(tmp_path, ["2", "3"], ())
+    assert folder.is_whole("p0")
+    for old, new in (("p0", "aside"), ("p1", "p0"), ("aside", "p1")):
+        (folder.points / old).rename(folder.points / new)
+    assert not folder.is_whole("p0")
+    with pytest.raises(DataError, match="p0: the results of another point, p1; run it again"):
+        write_table(folder)
+
+
+def test_a_table_is_not_made_of_records_that_were_changed(tmp_path):
+    folder = done_folder(tmp_path, ["2", "3"], ())
+    record = folder.points / "p1" / "provenance.json"
+    record.write_text(record.read_text().replace("3.0", "1.0"))
+    with pytest.raises(DataError, match="changed since granpipe wrote it"):
+        write_table(folder)
 
 
 @pytest.mark.parametrize("values", [["2"], ["slip", "stick"]])
