@@ -44,6 +44,22 @@ _EXTRA = {
     "particle_u": "zr",
     "particle_w": "zr",
     "sauter_diameter": "zr",
+    "stress_rr": "zr",
+    "stress_tt": "zr",
+    "stress_zz": "zr",
+    "stress_rz": "zr",
+    "pressure": "zr",
+    "strain_rr": "zr",
+    "strain_tt": "zr",
+    "strain_zz": "zr",
+    "strain_rz": "zr",
+    "shear_rate": "zr",
+    "granular_temperature": "zr",
+    "coordination": "zr",
+    "mechanical_coordination": "zr",
+    "rattlers": "zr",
+    "mixing_index": "zr",
+    "age": "zr",
     "class_diameter": "k",
     "class_packing": "kzr",
     "wall_surface": "m",
@@ -55,6 +71,20 @@ _EXTRA = {
     "residence_within": "n",
 }
 """What `homogenize.fields` adds → its sizes, by a letter each: z and r those of the grid, 2 two."""
+
+FLOW_RATE_POWER = {
+    "strain_rr": 1,
+    "strain_tt": 1,
+    "strain_zz": 1,
+    "strain_rz": 1,
+    "shear_rate": 1,
+    "granular_temperature": 2,
+    "age": -1,
+}
+"""What of it goes with a power of the flow rate, slow flow supposed."""
+
+_MAY_LACK = re.compile("strain_..|shear_rate|granular_temperature|(mechanical_)?coordination|rattlers|mixing_index|age")
+"""What of it is NaN where it is not known."""
 
 _NAME = re.compile(r"[\w.-]{1,64}")
 
@@ -499,7 +529,8 @@ class Field:
                 raise ValueError(f"{name} holds {array.dtype}")
             if array.dtype.kind == "U" and not all(_NAME.fullmatch(text) for text in array.flat):
                 raise ValueError(f"{name} holds more than names")
-            if array.dtype.kind == "f" and not (np.abs(array) <= MOST).all():
+            known = array[~np.isnan(array)] if _MAY_LACK.fullmatch(name.removesuffix("_se")) else array
+            if array.dtype.kind == "f" and not (np.abs(known) <= MOST).all():
                 raise ValueError(f"{name} is not finite everywhere")
         for first, then in (("wall_ends", "wall_surface"), ("residence_time", "residence_within")):
             if first in self.extra and then not in self.extra:

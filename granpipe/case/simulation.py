@@ -12,7 +12,19 @@ from granpipe.case.values import Group, OneOf, Quantity, SomeOf, Whole, refuse
 Outlet = Literal["plate", "open"]
 Snapshots = Literal["none", "thinned", "all"]
 Method = Literal["psi", "gaussian"]
-MoreFields = Literal["particle_velocity", "size_classes", "wall_slip", "wall_pressure", "residence_time"]
+MoreFields = Literal[
+    "particle_velocity",
+    "size_classes",
+    "wall_slip",
+    "wall_pressure",
+    "residence_time",
+    "stress",
+    "granular_temperature",
+    "coordination",
+    "mixing",
+    "strain_rate",
+    "age",
+]
 
 
 class Dem(Group):
@@ -86,12 +98,13 @@ class Homogenize(Group):
     fields: Annotated[tuple[MoreFields, ...], SomeOf(MoreFields)] = Field(
         default=(),
         description="Further results: velocity of the particles in every cell, packing of each size class and "
-        "Sauter diameter, slip and contact along the walls, pressure on the walls, residence "
-        "time.",
+        "Sauter diameter, slip and contact along the walls, pressure on the walls, residence time; stress and pressure "
+        "in the bed, granular temperature, contacts per particle, mixing of sizes, rate of strain, age of the solids.",
     )
 
     @model_validator(mode="after")
     def _consistent(self) -> Homogenize:
-        if self.method == "gaussian" and "residence_time" in self.fields:
-            refuse("residence_time follows the stream function, which method: gaussian does not give", ("fields",))
+        for name in ("residence_time", "age"):
+            if self.method == "gaussian" and name in self.fields:
+                refuse(f"{name} follows the stream function, which method: gaussian does not give", ("fields",))
         return self

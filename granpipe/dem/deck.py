@@ -94,6 +94,7 @@ class Deck:
     dump_every: int
     segment_steps: int
     wall_contacts: bool
+    pair_contacts: bool
 
 
 def make_deck(
@@ -176,7 +177,8 @@ def make_deck(
         catcher_depth=4 * classes.largest,
         dump_every=settings.dump_every,
         segment_steps=settings.segment_steps,
-        wall_contacts="wall_pressure" in case.homogenize.fields,
+        wall_contacts=not {"wall_pressure", "stress"}.isdisjoint(case.homogenize.fields),
+        pair_contacts="stress" in case.homogenize.fields,
     )
 
 

@@ -48,6 +48,19 @@ class Surface(Protocol):
         """(m,) area that each piece sweeps about the axis [m²]."""
 
 
+class Touching(Protocol):
+    """Contacts, each once: (n, 3) forces [N] on particles with centres (n, 3), from what is at (n, 3) ends [m]."""
+
+    @property
+    def centre(self) -> Array: ...
+
+    @property
+    def end(self) -> Array: ...
+
+    @property
+    def force(self) -> Array: ...
+
+
 class SizeClassVolumes:
     """Sums the solids of each size class: ``class_volume`` (classes, nz, nr).
 
@@ -155,7 +168,7 @@ def wall_slip_arrays(segments: Sequence[Sums], surface: Surface) -> Arrays:
     def slip(sums: Sums) -> Array:
         return _ratio(sums.extra["wall_slide"], sums.extra["wall_shadow"])
 
-    return _places(surface) | _measured("wall_contact", segments, contact) | _measured("wall_slip", segments, slip)
+    return _places(surface) | measured("wall_contact", segments, contact) | measured("wall_slip", segments, slip)
 
 
 def wall_pressure_arrays(segments: Sequence[Sums], surface: Surface) -> Arrays:
@@ -169,14 +182,14 @@ def wall_pressure_arrays(segments: Sequence[Sums], surface: Surface) -> Arrays:
     def pressure(sums: Sums) -> Array:
         return sums.extra["wall_force"] / (sums.extra["wall_looks"] * surface.area)
 
-    return _places(surface) | _measured("wall_pressure", segments, pressure)
+    return _places(surface) | measured("wall_pressure", segments, pressure)
 
 
 def _places(surface: Surface) -> Arrays:
     return {"wall_surface": surface.labels, "wall_ends": surface.ends}
 
 
-def _measured(name: str, segments: Sequence[Sums], measure: Callable[[Sums], Array]) -> Arrays:
+def measured(name: str, segments: Sequence[Sums], measure: Callable[[Sums], Array]) -> Arrays:
     """A mean over all segments, and its standard error from blocks of them where there are enough."""
     found: Arrays = {name: measure(merge(segments))}
     if len(segments) >= LEAST_BLOCKS:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ from granpipe.pipeline.discharge import Discharge, measure_discharge
 from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.failure import no_field
 from granpipe.pipeline.gates import (
+    FORCES_BALANCE,
     OVERLAPS,
     PACKING,
     SIZE_SHARE,
@@ -75,9 +76,10 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     steady = as_rigid(simulated, overlap)
     whole = merge(steady)
     averaged = averaged_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
-    field = replace(averaged.field, extra=ExtraSums.of(plan).arrays(steady, averaged.field.inside_fraction))
+    summed = ExtraSums.of(plan)
+    field = summed.added(averaged, steady)
     settled = [SettleRecord.read(production.settled) for production in productions]
-    figures = averaged.figures | run_statistics(steady, plan.case.outline.levels)
+    figures = averaged.figures | summed.figures(steady) | run_statistics(steady, plan.case.outline.levels)
     if angles := _surface_angles(field, plan):
         figures["surface_angles"] = angles
     discharge = _discharge(plan, simulated, productions)
@@ -96,6 +98,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
             *_overlap_gates([bed.overlap for bed in settled]),
             *(() if packing is None else (PACKING.gate(packing),)),
             *(discharge.gates if discharge is not None else ()),
+            *((FORCES_BALANCE.gate(abs(figures["forces"]["imbalance"])),) if "forces" in figures else ()),
             upward_gate(field),
             cells_gate(plan),
             *(() if changed is None else (SMOOTHING.gate(changed),)),

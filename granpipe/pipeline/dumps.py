@@ -6,7 +6,7 @@ first to see how far the particles reach and whether they can be followed, then 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import enclosed
 from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard_errors
-from granpipe.homogenize.average import Collector, Extra, Sums, merge
+from granpipe.homogenize.average import Collector, Sums, merge
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.statistics import LEAST_BLOCKS
 from granpipe.pipeline.averages import AveragedField, averaged_field, smoothing_change
@@ -38,7 +38,7 @@ from granpipe.pipeline.dump_checks import (
 from granpipe.pipeline.dump_grid import grid_round
 from granpipe.pipeline.dump_survey import JUMP, Survey, survey
 from granpipe.pipeline.dump_window import Request, window
-from granpipe.pipeline.extra_fields import ExtraSums, with_derived
+from granpipe.pipeline.extra_fields import FORCES, ExtraSums, with_derived
 from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, asymmetry_gate, run_notes, upward_gate
 from granpipe.planning.flow import check_flow_rate
 
@@ -115,16 +115,16 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     outline = Outline.from_case(case)
     flow_notes = check_flow_rate(case, outline, find_openings(outline))
     grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, frame.cell)
-    summed = _extra_sums(case, outline)
     found = survey(request, (outline.z_bottom, outline.z_top), _inside(outline))
+    summed = _extra_sums(case, outline, grid, found)
     frame_marks = frame_gates(found, frame)
     outside = check_outside(found)
-    collector, segments = _averaged(request, grid, found, summed.extras)
+    collector, segments = _averaged(request, grid, found, summed)
     densest = check_packing(merge(segments), outline.inside_fraction(grid), found.diameter)
     averaged = averaged_field(case, outline, segments, found.diameter)
-    field = replace(averaged.field, extra=summed.arrays(segments, averaged.field.inside_fraction))
+    field = summed.added(averaged, segments)
     field, derived = with_derived(field, case.homogenize.fields)
-    figures = averaged.figures | derived | run_statistics(segments, case.outline.levels)
+    figures = averaged.figures | summed.figures(segments) | derived | run_statistics(segments, case.outline.levels)
     gates = [*frame_marks, *time_gate(found), *_average_gates(case, averaged, segments, found.diameter, figures)]
     gates += [*solids_gate(found, held_solids(field), frame), PACKING.gate(field.bulk_packing)]
     figures |= {"largest_packing": densest, "solids_outside_the_walls": outside}
@@ -145,12 +145,22 @@ def _inside(outline: Outline) -> Callable[[Snapshot], Mask]:
     return inside
 
 
-def _extra_sums(case: Case, outline: Outline) -> ExtraSums:
-    """What the case asks for beside the field; DataError for what dumps of particles do not tell."""
-    if "wall_pressure" in case.homogenize.fields:
-        raise DataError("dumps of particles hold no forces: take wall_pressure out of homogenize.fields")
+def _extra_sums(case: Case, outline: Outline, grid: Grid, found: Survey) -> ExtraSums:
+    """What the case asks for beside the field; DataError for what these dumps do not tell."""
+    if without := [name for name in FORCES if name in case.homogenize.fields]:
+        raise DataError(
+            f"dumps of particles hold no forces of contacts: take {' and '.join(without)} out of homogenize.fields, or "
+            "let granpipe run the case, which dumps them"
+        )
+    if "granular_temperature" in case.homogenize.fields and not found.has_velocities:
+        raise DataError(
+            "the dumps hold no velocities, which the granular temperature is of: dump vx vy vz as well, or take "
+            "granular_temperature out of homogenize.fields"
+        )
+    if "mixing" in case.homogenize.fields and len(size_classes(case.material.size).radius) < 2:
+        raise DataError("mixing tells how sizes lie among each other, and material.size of the case is one size alone")
     classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
-    return ExtraSums(case.homogenize.fields, outline, classes)
+    return ExtraSums(case.homogenize.fields, outline, classes, grid, case.material.density)
 
 
 def _average_gates(
@@ -193,11 +203,12 @@ def _most_segments(request: Request) -> int:
 
 
 def _averaged(
-    request: Request, grid: Grid, found: Survey, extras: Sequence[Extra] = ()
+    request: Request, grid: Grid, found: Survey, summed: ExtraSums | None = None
 ) -> tuple[Collector, list[Sums]]:
     """The dumps in segments of equal numbers of samples."""
     by_path = not found.unfollowed
     jump = JUMP * found.diameter if by_path else None
+    extras = summed.extras if summed else ()
     collector = Collector(grid, "displacement" if by_path else "velocity", jump=jump, extras=extras)
     samples = len(found.times) - by_path
     length = -(-samples // _most_segments(request))
@@ -209,6 +220,8 @@ def _averaged(
         at_rest = {} if found.has_velocities else dict.fromkeys(("vx", "vy", "vz"), 0.0)
         collector.add(time, snapshot.having(**at_rest) if at_rest else snapshot)
         count += 1
+        if summed is not None and count > 0:  # the first of a pair belongs to no segment
+            collector.observe(summed.seen(snapshot))
         if count == length:
             segments.append(collector.take())
             count = 0

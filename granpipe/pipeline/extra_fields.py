@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from granpipe.analysis.residence_time import residence_time
+from granpipe.analysis.strain_rate import COMPONENTS, shear_rate, shear_rate_change, strain_rate
+from granpipe.analysis.streamlines import age
+from granpipe.dem.contact import GRAVITY
+from granpipe.dem.contacts import read_pair_contacts, read_wall_contacts
 from granpipe.dem.sizes import SizeClasses
-from granpipe.dem.wall_contacts import read_wall_contacts
-from granpipe.field import Array, Field, cell_vectors
+from granpipe.dem.snapshot import Snapshot
+from granpipe.field import Array, Field, Grid, Particles, cell_vectors
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR
 from granpipe.geometry.wall_pieces import WallPieces
 from granpipe.homogenize.average import Extra, Sums
+from granpipe.homogenize.bins import Bins
 from granpipe.homogenize.extras import (
     Arrays,
     SizeClassVolumes,
@@ -26,12 +31,27 @@ from granpipe.homogenize.extras import (
     wall_pressure_arrays,
     wall_slip_arrays,
 )
+from granpipe.homogenize.particle_fields import (
+    contact_counts,
+    coordination_arrays,
+    mixing_arrays,
+    mixing_sums,
+    temperature_arrays,
+    velocity_moments,
+    whole_mixing,
+)
+from granpipe.homogenize.statistics import standard_error
+from granpipe.homogenize.stress import contact_stress, stress_arrays, supported
+from granpipe.pipeline.averages import AveragedField
 from granpipe.planning.plan import Plan
 
 PIECES_PER_DIAMETER = 1
 """Pieces of walls per Sauter diameter: particles touch a wall about this far apart."""
 
-_SUMMED = ("size_classes", "wall_slip", "wall_pressure")
+FORCES = ("wall_pressure", "stress")
+"""What takes the forces of contacts, which only granpipe's own runs write."""
+
+_SUMMED = ("size_classes", "wall_slip", "wall_pressure", "stress", "granular_temperature", "coordination", "mixing")
 
 
 class ExtraSums:
@@ -42,17 +62,25 @@ class ExtraSums:
     wanted : ``homogenize.fields`` of the case; what needs no sums is passed over
     outline : the vessel
     classes : sizes of the particles in the dumps
+    grid : of the field
+    density : of the particles [kg/m³]
     """
 
-    def __init__(self, wanted: Sequence[str], outline: Outline, classes: SizeClasses) -> None:
+    def __init__(
+        self, wanted: Sequence[str], outline: Outline, classes: SizeClasses, grid: Grid, density: float
+    ) -> None:
         self.wanted = tuple(name for name in _SUMMED if name in wanted)
+        self.strained = "strain_rate" in wanted
         self.radii, self.diameter = classes.radius, classes.sauter_diameter
+        self.grid, self.density = grid, density
         self._pieces = WallPieces.of(outline, self.diameter / PIECES_PER_DIAMETER)
+        self._bins = Bins.of(grid, self.diameter)
 
     @classmethod
     def of(cls, plan: Plan) -> ExtraSums:
         """What production collects."""
-        return cls(plan.case.homogenize.fields, plan.outline, plan.dem.classes)
+        case = plan.case
+        return cls(case.homogenize.fields, plan.outline, plan.dem.classes, plan.grid, case.material.density)
 
     @property
     def key(self) -> dict[str, Any]:
@@ -61,20 +89,37 @@ class ExtraSums:
 
     @property
     def extras(self) -> list[Extra]:
-        """What is summed over particles."""
+        """What is summed over particles on their ways."""
         makers: dict[str, Callable[[], Extra]] = {
             "size_classes": lambda: SizeClassVolumes(self.radii),
             "wall_slip": lambda: WallSlip(self._pieces, CHORD_ERROR * self.diameter),
         }
         return [make() for name, make in makers.items() if name in self.wanted]
 
-    def observed(self, work: Path, step: int) -> dict[str, Array]:
-        """What LIGGGHTS has written of this step beside the snapshot; the file is deleted."""
-        if "wall_pressure" not in self.wanted:
-            return {}
+    def seen(self, particles: Particles) -> Arrays:
+        """What one snapshot tells by itself."""
+        makers: dict[str, Callable[[], Arrays]] = {
+            "granular_temperature": lambda: velocity_moments(self._bins, particles),
+            "coordination": lambda: contact_counts(self._bins, particles),
+            "mixing": lambda: mixing_sums(self.grid, self.radii, self.diameter, particles),
+        }
+        return {name: array for wanted in self.wanted if wanted in makers for name, array in makers[wanted]().items()}
+
+    def observed(self, work: Path, step: int, snapshot: Snapshot) -> Arrays:
+        """What one snapshot tells, with what LIGGGHTS has written of this step beside it; those files are deleted."""
+        values = self.seen(snapshot)
+        if set(self.wanted).isdisjoint(FORCES):
+            return values
         path = work / f"contacts.{step}.txt"
-        values = wall_forces(self._pieces, *read_wall_contacts(path))
+        walls = read_wall_contacts(path)
         path.unlink()
+        if "wall_pressure" in self.wanted:
+            values |= wall_forces(self._pieces, walls.end, walls.force)
+        if "stress" in self.wanted:
+            path = work / f"pairs.{step}.txt"
+            pairs = read_pair_contacts(path, snapshot.id, snapshot.position)
+            path.unlink()
+            values |= contact_stress(self._bins, pairs, walls, snapshot, self.density)
         return values
 
     def arrays(self, segments: Sequence[Sums], inside_fraction: Array) -> Arrays:
@@ -83,8 +128,29 @@ class ExtraSums:
             "size_classes": lambda: size_class_arrays(segments, self.radii, inside_fraction),
             "wall_slip": lambda: wall_slip_arrays(segments, self._pieces),
             "wall_pressure": lambda: wall_pressure_arrays(segments, self._pieces),
+            "stress": lambda: stress_arrays(segments, self._bins, inside_fraction),
+            "granular_temperature": lambda: temperature_arrays(segments, self._bins),
+            "coordination": lambda: coordination_arrays(segments, self._bins),
+            "mixing": lambda: mixing_arrays(segments, self.grid, self.diameter, inside_fraction),
         }
         return {name: array for wanted in self.wanted for name, array in makers[wanted]().items()}
+
+    def added(self, averaged: AveragedField, segments: Sequence[Sums]) -> Field:
+        """The field of an average with all that its segments tell beside."""
+        field = averaged.field
+        extra = self.arrays(segments, field.inside_fraction)
+        if self.strained and averaged.of_blocks:
+            extra |= strain_errors(field, averaged.of_blocks, averaged.figures["effective_blocks"])
+        return replace(field, extra=extra)
+
+    def figures(self, segments: Sequence[Sums]) -> dict[str, Any]:
+        """Figures of the whole that segments give."""
+        found: dict[str, Any] = {}
+        if "stress" in self.wanted:
+            found["forces"] = asdict(supported(segments, self._bins, GRAVITY))
+        if "mixing" in self.wanted:
+            found["mixing_index"] = whole_mixing(segments)
+        return found
 
 
 def with_derived(field: Field, wanted: Sequence[str]) -> tuple[Field, dict[str, Any]]:
@@ -101,7 +167,27 @@ def with_derived(field: Field, wanted: Sequence[str]) -> tuple[Field, dict[str, 
         extra |= {"residence_within": found.within, "residence_time": found.time * field.flow_scale}
         figures["residence_time_s"] = {f"P{p}": found.quantile(p / 100) for p in (10, 50, 90)}
         figures["residence_outside"] = found.outside
+    if "age" in wanted:
+        extra["age"] = age(field) * field.flow_scale
+    if "strain_rate" in wanted:
+        strain = strain_rate(field)
+        extra |= dict(zip(COMPONENTS, strain, strict=True)) | {"shear_rate": shear_rate(strain)}
     return replace(field, extra=extra), figures
+
+
+def strain_errors(field: Field, blocks: Sequence[tuple[Array, Array]], effective: float) -> Arrays:
+    """Standard errors of the rate of strain and of the shear rate, as far as these are straight in the fluxes.
+
+    Parameters
+    ----------
+    blocks : fluxes of fields from blocks of the average
+    effective : number of independent blocks that these count as
+    """
+    strain = strain_rate(field)
+    each = np.array([strain_rate(field, flux) for flux in blocks])
+    found = dict(zip(COMPONENTS, standard_error(each, effective), strict=True))
+    found["shear_rate"] = standard_error(np.array([shear_rate_change(strain, one) for one in each]), effective)
+    return {f"{name}_se": error for name, error in found.items()}
 
 
 def particle_velocity(field: Field) -> tuple[Array, Array]:

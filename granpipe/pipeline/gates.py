@@ -132,6 +132,15 @@ OVERLAPS = tuple(
     )
     for name, high in (("mean", MEAN_OVERLAP), ("99th percentile of the", P99_OVERLAP))
 )
+FORCES_BALANCE = Limit(
+    "weight of the bed that neither contacts nor walls bear",
+    "dem, with `homogenize.fields: [stress]`",
+    "Between the lowest and the highest level of the vessel the forces of the contacts must bear the weight; where "
+    "they do not, contacts are missing or the bed is not steady.",
+    high=0.05,
+    percent=True,
+    remedy="average longer: dem.max_time",
+)
 DISCHARGE = Limit(
     "discharge rate, deviation from LIGGGHTS' own counter",
     PARTICLES,
@@ -274,6 +283,7 @@ GATES = (
     STORAGE,
     STATISTICAL_ERROR,
     BLOCKS,
+    FORCES_BALANCE,
     DISCHARGE,
     PACKING,
     SIZE_SHARE,

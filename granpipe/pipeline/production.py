@@ -296,7 +296,7 @@ class _Watch:
         begun = time.process_time()
         snapshot = read_snapshot(path, DUMP_COLUMNS)
         self.collector.add(self.next_step * self.settings.time_step, snapshot)
-        beside = self.extra_sums.observed(self.work, self.next_step)
+        beside = self.extra_sums.observed(self.work, self.next_step, snapshot)
         if self.next_step > self.start_step:  # the first belongs to the segment before
             self.collector.observe(beside)
         self.count = len(snapshot)

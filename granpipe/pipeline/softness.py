@@ -21,7 +21,8 @@ from granpipe.homogenize.average import Sums
 from granpipe.pipeline.averages import reference_range
 
 _VOLUMES = ("volume", "flow_r", "flow_z", "gain", "level_flow", "solids")
-_EXTRA_SCALED = ("class_volume", "wall_force")  # the bed's weight goes with its packing, and so do forces on walls
+_EXTRA_SCALED = ("class_volume", "wall_force", "stress", "stress_mass", "stress_support", "stress_motion")
+# the bed's weight goes with its packing, and so do the forces
 
 
 def reference_overlap(snapshot: Snapshot, case: Case, outline: Outline, grid: Grid) -> Overlap:

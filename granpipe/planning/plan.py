@@ -56,6 +56,10 @@ FRICTION_NOTE = (
 OUTLET_NOTE = "within one diameter of the outlet the field depends on the profile that fluid.outlet_profile prescribes"
 
 ANNULUS = ("fluid", "annulus")
+FIELDS = ("homogenize", "fields")
+
+FROM_ANY_MODEL = ("residence_time", "strain_rate", "age")
+"""What of homogenize.fields follows from flow and packing alone, however they were found."""
 
 HYBRID_GAIN = 0.8
 """`auto` takes the hybrid only where its DEM costs less than this part of a DEM run of the whole vessel."""
@@ -286,6 +290,8 @@ class _Scene:
             self._results("dem"),
         ]
         left = [Stage("fluid solve", "the DEM run covers the whole vessel"), *_left_out_of_decks(self.case)]
+        if "mixing" in self.case.homogenize.fields and len(settings.classes.radius) < 2:
+            raise CaseError("mixing tells how sizes lie among each other, and material.size is one size alone", FIELDS)
         grid = self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER)
         notes = check_flow_rate(self.case, self.outline, self.openings)
         plan = self._made("dem", grid, stages, left, notes=list(notes))
@@ -390,7 +396,7 @@ class _Scene:
 
     def _left_out_fields(self, why: str) -> list[Stage]:
         """What the case asks for under homogenize.fields that only particles can tell."""
-        return [Stage(name, why) for name in self.case.homogenize.fields if name != "residence_time"]
+        return [Stage(name, why) for name in self.case.homogenize.fields if name not in FROM_ANY_MODEL]
 
     def _submodel(self, span: Span, grid: Grid) -> tuple[Span, Plan]:
         """The plan of a sub-model, on the rows of the whole vessel's grid that it covers."""
@@ -445,7 +451,7 @@ class _Scene:
 
     def _results(self, model: Model) -> Stage:
         figures = [f"figures: {name}" for name in self.case.figures if name == "rz" or model != "fluid"]
-        fields = [name for name in self.case.homogenize.fields if model == "dem" or name == "residence_time"]
+        fields = [name for name in self.case.homogenize.fields if model == "dem" or name in FROM_ANY_MODEL]
         return Stage("results", ", ".join(["field.npz", *fields, *self.case.export, *figures]))
 
     def _opening_cell(self) -> float:

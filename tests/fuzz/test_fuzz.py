@@ -27,9 +27,9 @@ from fuzz.mutate import BINARY, TEXT, inputs
 
 from granpipe.analysis.compare import compare
 from granpipe.case.reader import read_case
+from granpipe.dem.contacts import read_wall_contacts
 from granpipe.dem.dump import first_step, read_dump, read_dumps
 from granpipe.dem.dump_binary import is_complete
-from granpipe.dem.wall_contacts import read_wall_contacts
 from granpipe.errors import CaseError, DataError, GranpipeError
 from granpipe.field import Field
 from granpipe.pipeline.provenance import Identity, Provenance, known_gates
@@ -126,7 +126,7 @@ def test_the_limits_are_at_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_contacts_with_walls(tmp_path: Path, fuzz_inputs: int) -> None:
-    rows = "".join(f"{' '.join(f'{value:g}' for value in row)} \n" for row in spheres(20)[:, 2:8])
+    rows = "".join(f"{' '.join(f'{value:g}' for value in row)} \n" for row in np.tile(spheres(20)[:, 2:5], 3))
     head = "ITEM: TIMESTEP\n250\nITEM: NUMBER OF ENTRIES\n20\nITEM: BOX BOUNDS ff ff ff\n" + 3 * "-1 1\n"
     whole = f"{head}ITEM: ENTRIES c_contacts[1] c_contacts[2]\n{rows}".encode()
     damaged = inputs(SEED, [whole], TEXT, fuzz_inputs)

@@ -1,0 +1,59 @@
+"""Rate of strain of a field: D = (∇U + ∇Uᵀ)/2 of the bulk velocity, by differences between the faces of each cell."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from granpipe.field import Array, Field, Mask
+
+COMPONENTS = ("strain_rr", "strain_tt", "strain_zz", "strain_rz")
+
+_WHOLE = 1 - 1e-6
+
+
+def strain_rate(field: Field, flux: tuple[Array, Array] | None = None) -> Array:
+    """(4, nz, nr) rr, θθ, zz, rz of the rate of strain at DEM scale [1/s]; NaN in voids and in cells that a wall cuts.
+
+    rr + θθ + zz is the divergence of the cell, 0 where the field conserves. rz is found on the nodes among whole cells
+    of solids, and on the axis, where it is 0; beside a wall it is that of the nodes on the other side.
+
+    Parameters
+    ----------
+    flux : solids fluxes through the faces in place of the field's own, such as a block's [m/s]
+    """
+    grid, h = field.grid, field.grid.cell
+    u, w = (one / field.bulk_packing for one in flux or (field.flux_r, field.flux_z))
+    known = field.bulk & (field.inside_fraction > _WHOLE)
+    around = 0.5 * (u[:, 1:] + u[:, :-1]) / grid.r_centres
+    sheared = np.zeros(tuple(size + 1 for size in grid.shape))
+    sheared[1:-1, 1:-1] = 0.5 * (np.diff(u, axis=0)[:, 1:-1] + np.diff(w, axis=1)[1:-1]) / h
+    free = _inner_nodes(known)
+    count = _corners(free.astype(float))
+    shear = np.divide(_corners(sheared * free), count, out=np.full(grid.shape, np.nan), where=count > 0)
+    found = np.array([np.diff(u, axis=1) / h, around, np.diff(w, axis=0) / h, shear])
+    return np.where(known & (count > 0), found, np.nan)
+
+
+def shear_rate(strain: Array) -> Array:
+    """(nz, nr) √(2 D:D) of (4, nz, nr) components: the shear rate of simple shear."""
+    rr, tt, zz, rz = strain
+    return np.asarray(np.sqrt(2 * (rr**2 + tt**2 + zz**2 + 2 * rz**2)))
+
+
+def shear_rate_change(strain: Array, other: Array) -> Array:
+    """(nz, nr) change of √(2 D:D) for a small change from one rate of strain to another: 2 D:δD/√(2 D:D)."""
+    rate = shear_rate(strain)
+    twice = 2 * np.einsum("kij,kij,k->ij", strain, other - strain, np.array([1.0, 1.0, 1.0, 2.0]))
+    return np.asarray(np.divide(twice, rate, out=np.zeros_like(rate), where=~(rate <= 0)))
+
+
+def _inner_nodes(known: Mask) -> Mask:
+    """(nz+1, nr+1) nodes whose four cells are all known; on the axis two make do."""
+    padded = np.pad(known, ((1, 1), (0, 1)))
+    padded = np.concatenate([padded[:, :1], padded], axis=1)
+    return np.asarray(padded[1:, 1:] & padded[:-1, 1:] & padded[1:, :-1] & padded[:-1, :-1])
+
+
+def _corners(nodes: Array) -> Array:
+    """(nz, nr) sums over the four nodes of each cell."""
+    return np.asarray(nodes[1:, 1:] + nodes[1:, :-1] + nodes[:-1, 1:] + nodes[:-1, :-1])
