@@ -25,8 +25,9 @@ _COMPONENTS = ("stress_rr", "stress_tt", "stress_zz", "stress_rz")
 def contact_stress(bins: Bins, pairs: Touching, walls: Touching, particles: Particles, density: float) -> Arrays:
     """One snapshot as values for `Collector.observe`.
 
-    ``stress`` (5, bz, br) Σ ∫ f ⊗ l ds: rr, θθ, zz, rz, zr [N m]; ``stress_mass`` (bz,) of the particles centred in
-    each row of bins [kg]; ``stress_support`` (bz,) upward force of the walls that touch there [N]; ``stress_motion``
+    ``stress`` (5, bz, br) Σ ∫ f ⊗ l ds: rr, θθ, zz, rz, zr [N m]; ``stress_mass`` (2, bz) of the particles centred in
+    each row of bins [kg], ``stress_support`` (2, bz) upward force of the walls that touch there [N], and both times the
+    part of the row that lies below; ``stress_motion``
     (1,) Σ m v² of all on the grid [N m]; ``stress_looks`` (1,) counts the snapshots.
 
     Parameters
@@ -43,15 +44,21 @@ def contact_stress(bins: Bins, pairs: Touching, walls: Touching, particles: Part
             add(centre, end, force, bins.r_edges, bins.z_edges, total)
     position, mass = particles.position, density * 4 / 3 * np.pi * particles.radius**3
     motion = mass * (particles.velocity**2).sum(axis=1)
-    held, moving = bins.sums(np.zeros(len(mass)), position[:, 2], np.array([mass, motion]))
-    (support,) = bins.sums(np.zeros(len(walls.end)), walls.end[:, 2], walls.force[None, :, 2])
+    within = bins.sums(np.zeros(len(mass)), position[:, 2], motion[None])
     return {
         "stress": total,
-        "stress_mass": held.sum(axis=1),
-        "stress_support": support.sum(axis=1),
-        "stress_motion": np.array([moving.sum()]),
+        "stress_mass": _by_rows(bins, position[:, 2], mass),
+        "stress_support": _by_rows(bins, walls.end[:, 2], walls.force[:, 2]),
+        "stress_motion": np.array([within.sum()]),
         "stress_looks": np.ones(1),
     }
+
+
+def _by_rows(bins: Bins, z: Array, value: Array) -> Array:
+    """(2, bz) sums over points at heights (n,) of values (n,), and of these times the part of the row below them."""
+    row = np.searchsorted(bins.z_edges, z, side="right").clip(1, bins.shape[0]) - 1
+    below = (z - bins.z_edges[row]) / np.diff(bins.z_edges)[row]
+    return np.asarray(bins.sums(0 * z, z, np.array([value, value * below])).sum(axis=2))
 
 
 def stress_arrays(segments: Sequence[Sums], bins: Bins, inside_fraction: Array) -> Arrays:
@@ -99,7 +106,8 @@ class Supported:
 def supported(segments: Sequence[Sums], bins: Bins, gravity: float) -> Supported:
     """The balance of forces of an average.
 
-    Through a level goes Σ f_z l_z / h of the contacts in its row, h high. Rows count from middle to middle.
+    Through the levels of a row, h high, goes Σ f_z l_z / h in the mean. In it, particles in the lowest row count
+    with the part of it that lies below them, those in the highest with the part that lies above.
 
     Raises
     ------
@@ -107,11 +115,17 @@ def supported(segments: Sequence[Sums], bins: Bins, gravity: float) -> Supported
     """
     sums = merge(segments)
     through = sums.extra["stress"][2].sum(axis=1) / np.diff(bins.z_edges)
-    share = np.ones(len(through))
-    share[[0, -1]] = 0.5
-    weight, support = gravity * float(share @ sums.extra["stress_mass"]), float(share @ sums.extra["stress_support"])
+    mass, support = (_between(sums.extra[name]) for name in ("stress_mass", "stress_support"))
+    weight = gravity * mass
     trace = float(sums.extra["stress"][:3].sum())
     borne = through[0] - through[-1] + support
-    if weight <= 0 or trace <= 0:
+    if weight <= 0:
         return Supported(np.inf, 0.0, np.inf)
-    return Supported(float(borne / weight - 1), support / weight, float(sums.extra["stress_motion"][0]) / trace)
+    motion = float(sums.extra["stress_motion"][0])
+    return Supported(float(borne / weight - 1), support / weight, motion / trace if trace > 0 else np.inf)
+
+
+def _between(rows: Array) -> float:
+    """Of values by rows (2, bz), see `_by_rows`, what lies between the mean levels of the lowest and highest row."""
+    whole, below = rows
+    return float(whole[:-1].sum() - (whole - below)[0] + (whole - below)[-1])
