@@ -15,7 +15,7 @@ import numpy as np
 
 from granpipe import __version__
 from granpipe.export.balance import Balance, balance_of
-from granpipe.export.exported import Column, Exported, columns_of, number, numbers, write_lines
+from granpipe.export.exported import Column, Exported, number, numbers, write_lines
 from granpipe.export.nodes import Nodes, triangles
 from granpipe.field import Array
 from granpipe.system.templates import templates
@@ -31,9 +31,7 @@ def write_comsol(exported: Exported, folder: Path) -> Balance:
     DataError : a value of the field is not a number
     """
     balance = balance_of(exported.field, exported.nodes)
-    sections = write_interpolation(
-        exported.nodes, folder, name=exported.name, date=exported.date, errors=exported.errors
-    )
+    sections = write_interpolation(exported.nodes, folder, exported.columns, name=exported.name, date=exported.date)
     write_lines(folder / "flow_levels.txt", _levels(balance))
     write_lines(folder / "import_comsol.java", [_program("import_comsol.java.j2", exported, sections)])
     write_lines(folder / "import_comsol.py", [_program("import_comsol.py.j2", exported, sections)])
@@ -41,10 +39,9 @@ def write_comsol(exported: Exported, folder: Path) -> Balance:
 
 
 def write_interpolation(
-    nodes: Nodes, folder: Path, *, name: str, date: datetime, errors: Nodes | None = None
+    nodes: Nodes, folder: Path, columns: list[Column], *, name: str, date: datetime
 ) -> list[Column]:
     """Write the interpolation files alone; return the columns that are interpolated linearly."""
-    columns = columns_of(nodes, errors)
     write_lines(folder / "flow_spreadsheet.txt", _spreadsheet(nodes, columns, name, date))
     for column in columns:
         if column.grid_file:

@@ -12,6 +12,7 @@ import numpy as np
 
 from granpipe import __version__
 from granpipe.export.nodes import Nodes, corner_sum, nodal_errors, nodal_values
+from granpipe.export.quantities import QUANTITIES, at_process_scale, on_nodes
 from granpipe.field import Array, Field, Mask
 
 
@@ -55,7 +56,22 @@ class Exported:
     @property
     def columns(self) -> list[Column]:
         """What the field knows, on the nodes; 0 away from the solids."""
-        return columns_of(self.nodes, self.errors)
+        return [*columns_of(self.nodes, self.errors), *self.requested]
+
+    @cached_property
+    def requested(self) -> list[Column]:
+        """What the case asks for beside the flow, on the nodes, with standard errors where they are known."""
+        return [
+            Column(
+                name + end,
+                of.unit,
+                before + of.meaning,
+                on_nodes(at_process_scale(self.field, name + end), self.nodes),
+            )
+            for name, of in QUANTITIES.items()
+            for end, before in (("", ""), ("_se", "Standard error: "))
+            if name + end in self.field.extra
+        ]
 
     @cached_property
     def vessel(self) -> Mask:

@@ -16,7 +16,7 @@ from granpipe.field import Array
 
 Attributes = Mapping[str, str | float]
 
-_UNITS = {"m/s": "m s-1", "m^3/s": "m3 s-1", "m^2/s": "m2 s-1", "kg/m^3": "kg m-3"}
+_UNITS = {"m/s": "m s-1", "m^3/s": "m3 s-1", "m^2/s": "m2 s-1", "kg/m^3": "kg m-3", "1/s": "s-1", "m^2/s^2": "m2 s-2"}
 """Unit → as UDUNITS writes it."""
 
 _ALWAYS = ("solids", "psi")

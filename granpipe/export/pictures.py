@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from granpipe.errors import DataError
 from granpipe.export.nodes import Nodes, nodal_errors, nodal_values, triangles
+from granpipe.export.quantities import at_process_scale
 from granpipe.field import Array, Field, Mask, level_flow
 from granpipe.system.surroundings import own_style
 
@@ -61,6 +63,7 @@ def rz_figures(
     if field.bulk_flow:  # a bed at rest has no flow to compare with
         figures["rz_flow.png"] = _flow_figure(field, wall, obstacles, sections, title)
     names = [*_known_panels(field), *(["error"] if field.flux_z_se is not None else [])]
+    names += [name for name in _REQUESTED if name in field.extra]
     figures |= {f"rz_{one}.png": panel_figure(field, one, wall, obstacles, sections) for one in names}
     with own_style(STYLE):
         for file, figure in figures.items():
@@ -365,14 +368,60 @@ def _draw_streamlines(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> No
     _key(axis)
 
 
-PANELS: dict[str, Callable[[Axes, Field, Nodes, Array], None]] = {
+def _draw_quantity(
+    name: str,
+    colours: str,
+    scaled: Callable[[Array], tuple[Array, str]],
+    axis: Axes,
+    field: Field,
+    nodes: Nodes,
+    wall: Array,
+) -> None:
+    """What stands in the cells on request; white where it is not known."""
+    if name not in field.extra:
+        raise DataError(f"this field has no {name}; ask for it in homogenize.fields, and run again")
+    values = np.where(nodes.cells, at_process_scale(field, name), np.nan)
+    values, title = scaled(values)
+    known = values[np.isfinite(values)]
+    low = float(np.percentile(known, 0.5)) if known.size and name in ("coordination", "age") else 0.0
+    top = 1.0 if name == "mixing_index" else max(_robust(known), low) or 1.0
+    image = axis.pcolormesh(nodes.r, nodes.z, values, cmap=colours, vmin=low, vmax=top)
+    _bar(axis, image, title, "both" if low else "max")
+
+
+def _in_unit(
+    title: str, units: Sequence[tuple[str, float]], root: bool = False
+) -> Callable[[Array], tuple[Array, str]]:
+    """Values in the first of units (with factors from SI) in which nearly the largest one is at least 1."""
+
+    def scaled(values: Array) -> tuple[Array, str]:
+        values = np.sqrt(values) if root else values
+        top = _robust(np.abs(values[np.isfinite(values)]))
+        unit, factor = next(((unit, factor) for unit, factor in units if top * factor >= 1), units[-1])
+        return values * factor, f"{title} [{unit}]" if unit else title
+
+    return scaled
+
+
+_REQUESTED: dict[str, tuple[str, Callable[[Array], tuple[Array, str]]]] = {
+    "pressure": ("cividis", _in_unit("pressure", (("MPa", 1e-6), ("kPa", 1e-3), ("Pa", 1.0)))),
+    "shear_rate": ("magma_r", _in_unit("shear rate", (("1/s", 1.0), ("1/min", 60.0), ("1/h", 3600.0)))),
+    "granular_temperature": ("inferno", _in_unit("√ granular temperature", UNITS, root=True)),
+    "coordination": ("viridis", _in_unit("contacts per particle", (("", 1.0),))),
+    "mixing_index": ("cividis", _in_unit("mixing index", (("", 1.0),))),
+    "age": ("viridis_r", _in_unit("age", (("d", 1 / 86400), ("h", 1 / 3600), ("min", 1 / 60), ("s", 1.0)))),
+}
+"""What of a case's request is drawn: colours, and how values are told."""
+
+
+PANELS: Mapping[str, Callable[[Axes, Field, Nodes, Array], None]] = {
     "packing": _draw_packing,
     "u": _draw_radial,
     "w": _draw_vertical,
     "speed": _draw_speed,
     "streamlines": _draw_streamlines,
     "error": _draw_error,
-}
+} | {name: partial(_draw_quantity, name, *how) for name, how in _REQUESTED.items()}
 """What can be drawn on r–z."""
 
 

@@ -36,6 +36,25 @@ PANELS = {
         "Standard error of the bulk velocity",
         "Where it is near the velocity itself, the pattern there is noise.",
     ),
+    "pressure": (
+        "Pressure in the solids",
+        "Mean of the three normal stresses, from the forces between particles. It does not depend on the flow rate.",
+    ),
+    "shear_rate": ("Shear rate", "How fast the bulk is sheared. White also where a wall cuts the cells of the grid."),
+    "granular_temperature": (
+        "Granular temperature",
+        "Its root: the scatter of the particles' velocities about their mean, in each direction. In slow flow it goes "
+        "with the flow rate.",
+    ),
+    "coordination": ("Contacts per particle", "Contacts with other particles; those with walls do not count."),
+    "mixing_index": (
+        "Mixing of the sizes",
+        "Lacey's index of each height: 0 sizes wholly apart, 1 mixed at random. White where there is one size alone.",
+    ),
+    "age": (
+        "Age of the solids",
+        "Time since they came in through the inlet. White where no streamline from the inlet comes by.",
+    ),
 }
 FILES = {
     "field.npz": "the field, for Python: `granpipe.load_result`",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granpipe.export.nodes import Nodes, nodal_values
+from granpipe.export.quantities import at_process_scale
 from granpipe.field import Array, Field, Mask
 
 if TYPE_CHECKING:
@@ -112,11 +113,11 @@ def _cell_data(field: Field) -> dict[str, Data]:
 
 
 def _extra_cell_data(field: Field) -> dict[str, Data]:
-    """What the case asks for beside, as far as it stands in the cells; a velocity at the flow rate of the case."""
+    """What the case asks for beside, as far as it stands in the cells; NaN where it is not known."""
     data: dict[str, Data] = {}
     for name, values in field.extra.items():
         if values.shape == field.grid.shape:
-            data[name] = values
+            data[name] = at_process_scale(field, name)
         elif values.shape[1:] == field.grid.shape:
             data |= {f"{name}_{number}": values for number, values in enumerate(values, start=1)}
     if "particle_u" in data:

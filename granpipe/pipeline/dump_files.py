@@ -64,6 +64,7 @@ def _draw(field: Field, case: Case | None, folder: Path) -> None:
 def _write_plane(field: Field, case: Case | None, folder: Path) -> None:
     """Write the files of a field on rings or in the plane x–z."""
     from granpipe.export.comsol import write_interpolation
+    from granpipe.export.exported import columns_of
     from granpipe.export.nodes import nodal_errors, nodal_values
     from granpipe.export.tables import write_tables
     from granpipe.export.vtk import write_vtu
@@ -75,13 +76,9 @@ def _write_plane(field: Field, case: Case | None, folder: Path) -> None:
     write_tables(field, folder)
     if not field.grid.measure.axial:
         (folder / "comsol").mkdir()
-        write_interpolation(
-            nodal_values(field),
-            folder / "comsol",
-            name="homogenized",
-            date=datetime.now().astimezone(),
-            errors=nodal_errors(field),
-        )
+        nodes = nodal_values(field)
+        columns = columns_of(nodes, nodal_errors(field))
+        write_interpolation(nodes, folder / "comsol", columns, name="homogenized", date=datetime.now().astimezone())
 
 
 def _write_space(field: Field, folder: Path) -> None:
