@@ -79,8 +79,8 @@ def spreadsheet(places: dict[str, Array], columns: list[Column], name: str, date
 
 
 def _row(first: str, *others: str) -> str:
-    """One line of a table: the first column 26 characters wide, the later ones 25."""
-    return (f"{first:<26}" + "".join(f"{text:<25}" for text in others)).rstrip()
+    """One line of a table: the first column 26 characters wide, the later ones at least 25."""
+    return (f"{first:<26}" + "".join(f"{text:<24} " for text in others)).rstrip()
 
 
 def _grid(first: Array, second: Array, values: Array) -> Iterator[str]:
