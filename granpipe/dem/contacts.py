@@ -29,6 +29,20 @@ class Contacts(NamedTuple):
     end: Array
     force: Array
 
+    def within_friction(self, friction: float) -> Contacts:
+        """With tangential forces of at most `friction` times the normal ones.
+
+        LIGGGHTS computes the forces once more for the dump, without the step's own sliding. A contact that slides is
+        then just below the limit of friction, as at rest, and is given its damping on top of that limit.
+        """
+        branch = self.centre - self.end
+        normal = branch / np.maximum(np.linalg.norm(branch, axis=1, keepdims=True), 1e-300)
+        pressing = (self.force * normal).sum(axis=1, keepdims=True)
+        along = self.force - pressing * normal
+        size, most = np.linalg.norm(along, axis=1, keepdims=True), friction * np.abs(pressing)
+        share = np.divide(most, size, out=np.ones_like(size), where=size > most)
+        return self._replace(force=pressing * normal + share * along)
+
 
 def read_wall_contacts(path: Path) -> Contacts:
     """Contacts with walls in one snapshot.

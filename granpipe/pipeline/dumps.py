@@ -160,7 +160,7 @@ def _extra_sums(case: Case, outline: Outline, grid: Grid, found: Survey) -> Extr
     if "mixing" in case.homogenize.fields and len(size_classes(case.material.size).radius) < 2:
         raise DataError("mixing tells how sizes lie among each other, and material.size of the case is one size alone")
     classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
-    return ExtraSums(case.homogenize.fields, outline, classes, grid, case.material.density)
+    return ExtraSums(case, outline, classes, grid)
 
 
 def _average_gates(

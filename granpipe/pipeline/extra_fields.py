@@ -12,6 +12,7 @@ import numpy as np
 from granpipe.analysis.residence_time import residence_time
 from granpipe.analysis.strain_rate import COMPONENTS, shear_rate, shear_rate_change, strain_rate
 from granpipe.analysis.streamlines import age
+from granpipe.case.schema import Case
 from granpipe.dem.contact import GRAVITY
 from granpipe.dem.contacts import read_pair_contacts, read_wall_contacts
 from granpipe.dem.sizes import SizeClasses
@@ -59,28 +60,25 @@ class ExtraSums:
 
     Parameters
     ----------
-    wanted : ``homogenize.fields`` of the case; what needs no sums is passed over
+    case : its ``homogenize.fields``; what needs no sums is passed over
     outline : the vessel
     classes : sizes of the particles in the dumps
     grid : of the field
-    density : of the particles [kg/m³]
     """
 
-    def __init__(
-        self, wanted: Sequence[str], outline: Outline, classes: SizeClasses, grid: Grid, density: float
-    ) -> None:
+    def __init__(self, case: Case, outline: Outline, classes: SizeClasses, grid: Grid) -> None:
+        wanted = case.homogenize.fields
         self.wanted = tuple(name for name in _SUMMED if name in wanted)
         self.strained = "strain_rate" in wanted
         self.radii, self.diameter = classes.radius, classes.sauter_diameter
-        self.grid, self.density = grid, density
+        self.grid, self.density, self.contact = grid, case.material.density, case.contact
         self._pieces = WallPieces.of(outline, self.diameter / PIECES_PER_DIAMETER)
         self._bins = Bins.of(grid, self.diameter)
 
     @classmethod
     def of(cls, plan: Plan) -> ExtraSums:
         """What production collects."""
-        case = plan.case
-        return cls(case.homogenize.fields, plan.outline, plan.dem.classes, plan.grid, case.material.density)
+        return cls(plan.case, plan.outline, plan.dem.classes, plan.grid)
 
     @property
     def key(self) -> dict[str, Any]:
@@ -119,6 +117,8 @@ class ExtraSums:
             path = work / f"pairs.{step}.txt"
             pairs = read_pair_contacts(path, snapshot.id, snapshot.position)
             path.unlink()
+            pairs = pairs.within_friction(self.contact.friction)
+            walls = walls.within_friction(self.contact.wall.friction)
             values |= contact_stress(self._bins, pairs, walls, snapshot, self.density)
         return values
 

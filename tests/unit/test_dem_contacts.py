@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granpipe.dem.contacts import read_pair_contacts, read_wall_contacts
+from granpipe.dem.contacts import Contacts, read_pair_contacts, read_wall_contacts
 from granpipe.errors import DataError
 
 TEXT = """ITEM: TIMESTEP
@@ -85,3 +85,12 @@ def test_contacts_of_particles_that_are_not_there_are_refused(tmp_path: Path, da
     (tmp_path / "pairs").write_text(PAIRS)
     with pytest.raises(DataError, match="does not hold"):
         read_pair_contacts(tmp_path / "pairs", IDS[:0], PLACES[:0])
+
+
+def test_friction_cuts_what_is_along_the_surface_alone() -> None:
+    """Along x presses 10 N, friction 0.3: of 5 N sideways 3 remain, 2 N stay; so do 3 of 5 where the contact pulls."""
+    centre, end = np.array([[0.02, 0, 0]] * 3), np.zeros((3, 3))
+    force = np.array([[10.0, 3, -4], [10, 0, 2], [-10, 5, 0]])
+    found = Contacts(centre, end, force).within_friction(0.3).force
+    assert found == pytest.approx(np.array([[10, 1.8, -2.4], [10, 0, 2], [-10, 3, 0]]))
+    assert not Contacts(centre, end, force).within_friction(0.0).force[:, 1:].any()
