@@ -24,10 +24,11 @@ def strain_rate(field: Field, flux: tuple[Array, Array] | None = None) -> Array:
     grid, h = field.grid, field.grid.cell
     u, w = (one / field.bulk_packing for one in flux or (field.flux_r, field.flux_z))
     known = field.bulk & (field.inside_fraction > _WHOLE)
-    around = 0.5 * (u[:, 1:] + u[:, :-1]) / grid.r_centres
+    axial = grid.measure.axial
+    around = 0.5 * (u[:, 1:] + u[:, :-1]) / grid.r_centres if axial else np.zeros(grid.shape)
     sheared = np.zeros(tuple(size + 1 for size in grid.shape))
     sheared[1:-1, 1:-1] = 0.5 * (np.diff(u, axis=0)[:, 1:-1] + np.diff(w, axis=1)[1:-1]) / h
-    free = _inner_nodes(known)
+    free = _inner_nodes(known, axial)
     count = _corners(free.astype(float))
     shear = np.divide(_corners(sheared * free), count, out=np.full(grid.shape, np.nan), where=count > 0)
     found = np.array([np.diff(u, axis=1) / h, around, np.diff(w, axis=0) / h, shear])
@@ -47,10 +48,10 @@ def shear_rate_change(strain: Array, other: Array) -> Array:
     return np.asarray(np.divide(twice, rate, out=np.zeros_like(rate), where=~(rate <= 0)))
 
 
-def _inner_nodes(known: Mask) -> Mask:
+def _inner_nodes(known: Mask, axial: bool) -> Mask:
     """(nz+1, nr+1) nodes whose four cells are all known; on the axis two make do."""
     padded = np.pad(known, ((1, 1), (0, 1)))
-    padded = np.concatenate([padded[:, :1], padded], axis=1)
+    padded = np.concatenate([padded[:, :1] & axial, padded], axis=1)
     return np.asarray(padded[1:, 1:] & padded[:-1, 1:] & padded[1:, :-1] & padded[:-1, :-1])
 
 
