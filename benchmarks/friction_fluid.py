@@ -10,6 +10,7 @@ docs/validation/friction_fluid.md.
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -26,7 +27,7 @@ from granpipe.analysis.compare import compare
 from granpipe.case.reader import read_case
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import GranpipeError
-from granpipe.field import Field, Grid, flux_from_psi, section_rows
+from granpipe.field import Array, Field, Grid, flux_from_psi, section_rows
 from granpipe.fluid import wall_packing
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.pipeline.fluid_field import section_mesh, wall_law
@@ -34,8 +35,13 @@ from granpipe.pipeline.frictional_field import from_solids, solve_plan
 from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan, make_plan
+from granpipe.study.report import read_study
 
 HERE = Path(__file__).resolve().parent
+STUDY = HERE.parent / "granpipe" / "templates" / "studies" / "reactor.json"
+MODELS = ("frictional", "viscous", "kinematic")
+SHOWN = ("reactor", "blast_furnace", "cone-26_6-0_3-10-0_5-0_1", "flat_bottom")
+HEIGHT = 0.02  # of a picture's height: the mean speed at a level
 SPREADING = 0.5  # length B of the kinematic model over the particle size: assumed, not fitted
 
 
@@ -56,11 +62,12 @@ def main() -> None:
         "results",
         type=Path,
         nargs="*",
-        help="pack, order: results <name>, with <name>.yaml beside; cases: a folder",
+        help="pack, order: folders of results; cases: a folder",
     )
     parser.add_argument("--only", nargs="*", default=[], help="page: names of references")
     parser.add_argument("--references", type=Path, default=HERE / "references" / "friction")
     parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation" / "friction_fluid.md")
+    parser.add_argument("--table", type=Path, default=HERE.parent / "granpipe" / "fluid" / "friction_error.json")
     options = parser.parse_args()
     if options.what == "cases":
         write(*options.results)
@@ -78,12 +85,19 @@ def main() -> None:
     chosen = [name for name in names if not options.only or name in options.only]
     rows = [row for name in chosen for row in measure(load(options.references, name))]
     options.out.write_text(page(rows))
+    profiles(rows, options.out.parent / "images" / "friction_profiles.png")
+    times(rows, options.out.parent / "images" / "friction_time.png")
+    table = {
+        model: {r.reference.name: round(r.errors["whole"], 4) for r in rows if r.model == model and r.errors}
+        for model in MODELS
+    }
+    options.table.write_text(json.dumps(table, indent=1) + "\n")
 
 
 def pack(folder: Path, references: Path) -> None:
     """ψ in single precision, the bulk as bits, the noise of each section; and the case with a bulk density."""
-    field, case = Field.load(folder / "field.npz"), yaml.safe_load(folder.with_suffix(".yaml").read_text())
-    plan = make_plan(read_case(folder.with_suffix(".yaml")).case)
+    field, case = Field.load(folder / "field.npz"), yaml.safe_load((folder / "case.yaml").read_text())
+    plan = make_plan(read_case(folder / "case.yaml").case)
     assert field.psi is not None
     found = compare(field, field, plan.case.outline.levels, plan.dem.classes.sauter_diameter)
     noise = {one.name: one.noise / np.sqrt(2) for one in found}  # both fields count
@@ -106,7 +120,7 @@ def pack(folder: Path, references: Path) -> None:
 def order(folder: Path) -> float:
     """The part of a poured bed's layering that fits the packing along the walls of a hopper best, by its RMS."""
     field = Field.load(folder / "field.npz")
-    plan = make_plan(read_case(folder.with_suffix(".yaml")).case)
+    plan = make_plan(read_case(folder / "case.yaml").case)
     grid, classes = field.grid, plan.dem.classes
     low, high = (0.5 * (from_solids(plan)[i:][: grid.shape[0]]) for i in (0, 1))
     distance = low + high
@@ -140,7 +154,20 @@ def load(references: Path, name: str) -> Reference:
     return Reference(name, plan, field, dict(zip(data["sections"].tolist(), data["noise"].tolist(), strict=True)))
 
 
-def measure(reference: Reference) -> Iterator[dict[str, object]]:
+@dataclass(frozen=True)
+class Row:
+    """A model in a scene: its field, errors by section with the noise of the reference taken off, and its CPU time."""
+
+    reference: Reference
+    model: str
+    friction: BulkFriction
+    field: Field | None
+    errors: dict[str, float]
+    seconds: float
+    refused: str = ""
+
+
+def measure(reference: Reference) -> Iterator[Row]:
     """One row for each model."""
     plan = reference.plan
     friction = bulk_friction(plan.case)
@@ -151,20 +178,17 @@ def measure(reference: Reference) -> Iterator[dict[str, object]]:
     }
     for model, make in models.items():
         started = time.process_time()
-        row: dict[str, object] = {"name": reference.name, "model": model, "friction": friction}
         try:
             field = make()
         except GranpipeError as error:
-            yield row | {"refused": str(error)}
+            yield Row(reference, model, friction, None, {}, 0.0, str(error))
             continue
-        row["seconds"] = time.process_time() - started
+        seconds = time.process_time() - started
         found = compare(reference.field, field, plan.case.outline.levels, 1.0)
         noise = reference.noise
         errors = {one.name: float(np.sqrt(max(one.observed**2 - noise[one.name] ** 2, 0))) for one in found}
-        row["errors"] = errors
-        row["noise"] = reference.noise["whole"]
         print(reference.name, model, {k: round(v, 3) for k, v in errors.items()}, flush=True)
-        yield row
+        yield Row(reference, model, friction, field, errors, seconds)
 
 
 def viscous(plan: Plan) -> Field:
@@ -203,54 +227,110 @@ def kinematic(plan: Plan) -> Field:
     )
 
 
-def page(rows: list[dict[str, object]]) -> str:
+def page(rows: list[Row]) -> str:
+    made = "`benchmarks/references/friction/` (`pack` of DEM results: the cones of `benchmarks/wall_factor.py run`,"
     lines = [
         "# The frictional fluid against DEM",
         "",
         f"Made by `benchmarks/friction_fluid.py page` on {datetime.now(UTC):%Y-%m-%d}, from the references in",
-        "`benchmarks/references/friction/` (`pack` of DEM results: the cones of `benchmarks/wall_factor.py run`,",
-        "`cone-<half-angle>-<μ_w>-<outlet/d>-<μ>-<μ_r>`, and `cases/reactor.yaml` with its 6 cm particles).",
+        made,
+        "`cone-<half-angle>-<μ_w>-<outlet/d>-<μ>-<μ_r>`; `cases/reactor.yaml` with its 6 cm particles;",
+        "`cases/gallery`).",
         "",
         "Friction, wall friction and the angle of surfaces follow from the contact parameters by the law of",
-        "[bulk_friction.md](bulk_friction.md); nothing is fitted to the scene. The errors are relative RMS of the bulk",
+        "[bulk_friction.md](bulk_friction.md); nothing is fitted to a scene. The errors are relative RMS of the bulk",
         "velocity, the noise of the reference taken off. Beside it the viscous fluid with its wall factor (which was",
-        f"fit to these cones) and the kinematic model with an assumed length of {SPREADING:g} d, which knows no",
-        "obstacle. Of two widths of the average, 0.22 d (a sphere's own) and 0.4 d, the first was taken after seeing",
-        "these cones.",
+        f"fit to the cones) and the kinematic model with an assumed length of {SPREADING:g} d: it knows no obstacle.",
+        "The wall packing was chosen after seeing the cones and the reactor, and before the vessels of the gallery.",
+        "",
+        *summary(rows),
+        "",
+        "![Speeds at ten levels beside DEM](images/friction_profiles.png)",
+        "",
+        "Vertical speed over its mean at ten levels, each set off by its height: DEM (grey), frictional (red), viscous",
+        "(blue, dashed).",
+        "",
+        "![Error against run time](images/friction_time.png)",
+        "",
+        "Error over the whole vessel against time of one core; the squares are the DEM options of the shipped study of",
+        "`cases/reactor.yaml`, with the error that the study tells.",
         "",
         "| scene | model | μ_i | μ_w | whole | sections | noise | s |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        friction = row["friction"]
-        assert isinstance(friction, BulkFriction)
-        own = [f"{friction.internal:.2f}", f"{friction.wall:.2f}"] if row["model"] == "frictional" else ["", ""]
-        errors = row.get("errors")
-        if not isinstance(errors, dict):
-            lines.append(f"| {row['name']} | {row['model']} | | | refused | {row['refused']} | | |")
+        name, friction = row.reference.name, row.friction
+        own = [f"{friction.internal:.2f}", f"{friction.wall:.2f}"] if row.model == "frictional" else ["", ""]
+        if row.field is None:
+            lines.append(f"| {name} | {row.model} | | | refused | {row.refused} | | |")
             continue
-        parts = ", ".join(f"{name} {100 * value:.0f}" for name, value in errors.items() if name != "whole")
-        whole, noise, seconds = 100 * errors["whole"], 100 * float(str(row["noise"])), float(str(row["seconds"]))
-        cells = [row["name"], row["model"], *own, f"**{whole:.0f} %**", parts, f"{noise:.1f} %", f"{seconds:.1f}"]
-        lines.append(f"| {' | '.join(map(str, cells))} |")
-    lines += ["", *summary(rows), ""]
-    return "\n".join(lines)
+        parts = ", ".join(f"{key} {100 * value:.0f}" for key, value in row.errors.items() if key != "whole")
+        whole, noise = 100 * row.errors["whole"], 100 * row.reference.noise["whole"]
+        cells = [name, row.model, *own, f"**{whole:.0f} %**", parts, f"{noise:.1f} %", f"{row.seconds:.1f}"]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])
 
 
-def summary(rows: list[dict[str, object]]) -> list[str]:
-    """Mean errors of the hoppers of all cones, by model."""
-    lines = ["Mean over the cones, hopper only:", ""]
-    for model in ("frictional", "viscous", "kinematic"):
-        found: list[float] = []
-        for row in rows:
-            errors = row.get("errors")
-            if row["model"] == model and isinstance(errors, dict) and "hopper" in errors:
-                found.append(errors["hopper"])
-        if found:
-            lines.append(
-                f"- {model}: {100 * np.mean(found):.1f} %, from {100 * min(found):.0f} to {100 * max(found):.0f} %"
-            )
+def summary(rows: list[Row]) -> list[str]:
+    """Mean errors of the hoppers of the cones and of all other vessels, by model."""
+    lines = ["| model | hoppers of the cones | other vessels, whole |", "|---|---|---|"]
+    for model in MODELS:
+        own = [row for row in rows if row.model == model and row.errors]
+        cones = [row.errors["hopper"] for row in own if row.reference.name.startswith("cone-")]
+        others = [row.errors["whole"] for row in own if not row.reference.name.startswith("cone-")]
+        cells = [
+            f"{100 * np.mean(part):.1f} %, {100 * min(part):.0f} to {100 * max(part):.0f} % of {len(part)}"
+            for part in (cones, others)
+            if part
+        ]
+        lines.append(f"| {model} | {' | '.join(cells)} |")
     return lines
+
+
+def profiles(rows: list[Row], path: Path) -> None:
+    """Vertical speeds at ten levels of some scenes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14, 7), layout="constrained")
+    for panel, name in zip(figure.subplots(1, len(SHOWN)), SHOWN, strict=True):
+        own = {row.model: row for row in rows if row.reference.name == name}
+        field = own["frictional"].reference.field
+        for i in np.linspace(0.03, 0.97, 10) * field.grid.shape[0]:
+            panel.axhline(field.grid.z_edges[int(i)], color="0.85", linewidth=0.5)
+            panel.plot(*_profile(field, field, int(i)), color="0.55", linewidth=3.0)
+            for model, style in (("viscous", "b--"), ("frictional", "r-")):
+                if (made := own[model].field) is not None:
+                    panel.plot(*_profile(made, field, int(i)), style, linewidth=1.0)
+        panel.set(title=name, xlabel="r [m]", ylabel="z [m]")
+    figure.savefig(path, dpi=80)
+
+
+def _profile(field: Field, reference: Field, i: int) -> tuple[Array, Array]:
+    """Radii, and vertical speed over the mean of the reference as heights above a level."""
+    grid, inside = reference.grid, reference.inside_fraction[i] > 0
+    speed, known = (-one.flux_z[i] * one.velocity_scale for one in (field, reference))
+    mean = (known @ grid.ring_area) / grid.ring_area[inside].sum()
+    high = grid.z_edges[i] + HEIGHT * (grid.z_edges[-1] - grid.z_edges[0]) * speed / mean
+    return grid.r_centres, np.where(reference.bulk[i], high, np.nan)
+
+
+def times(rows: list[Row], path: Path) -> None:
+    """Error against time of one core."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    axes = figure.add_subplot()
+    for model, colour in zip(MODELS, ("r", "b", "g"), strict=True):
+        own = [row for row in rows if row.model == model and row.errors]
+        axes.loglog([row.seconds for row in own], [100 * row.errors["whole"] for row in own], f"{colour}o", label=model)
+        one = next(row for row in own if row.reference.name == "reactor")
+        axes.loglog(one.seconds, 100 * one.errors["whole"], "k*", markersize=12, fillstyle="none")
+    options = [one for one in read_study(STUDY).options if np.isfinite(one.blocks)]
+    dem = [(one.core_seconds, 100 * one.error().value) for one in options]
+    axes.loglog(*np.transpose(dem), "s", color="0.6", markersize=3, label="DEM of the reactor, by its study", zorder=0)
+    axes.set(xlabel="time of one core [s]", ylabel="error, whole vessel [%]", title="stars: the reactor")
+    axes.legend()
+    figure.savefig(path, dpi=90)
 
 
 if __name__ == "__main__":

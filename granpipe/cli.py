@@ -216,7 +216,7 @@ def plan(case: Path, overrides: Mapping[str, str], picture: Path | None) -> None
     """
     from granpipe.pipeline.plan_picture import draw_plan
     from granpipe.pipeline.run import plan_case
-    from granpipe.planning.plan import model_plans
+    from granpipe.planning.plan import model_plans, other_rheology
     from granpipe.planning.text import plan_text
     from granpipe.planning.vessel_text import contents_text, vessel_text
     from granpipe.system.cores import usable_cores
@@ -226,7 +226,7 @@ def plan(case: Path, overrides: Mapping[str, str], picture: Path | None) -> None
     for note in (*file.notes, *file.library):
         click.echo(f"note: {note}")
     made = plan_case(file, cores)
-    click.echo(plan_text(made, model_plans(file.case, cores), known_rates()))
+    click.echo(plan_text(made, model_plans(file.case, cores), other_rheology(file.case, cores), known_rates()))
     click.echo(f"\n{vessel_text(made.outline)}\n{contents_text(made)}")
     click.echo(draw_plan(made, picture or case.with_suffix(".plan.png")))
 

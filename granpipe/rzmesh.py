@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,3 +62,22 @@ class RZMesh:
         part = np.divide(level - z0, z1 - z0, out=np.zeros(np.broadcast(level, z0).shape), where=z0 != z1)
         radius = r0 + part * (r1 - r0)
         return np.asarray(np.sum((rising * 1.0 - falling) * self.measure.area(np.zeros(()), radius), axis=-1))
+
+    def between(self, low: float, high: float) -> tuple[RZMesh, Index]:
+        """The triangles whose middles lie between two heights [m], and the points (n',) of this mesh that they keep.
+
+        The ends are as uneven as the triangles are; the edges there are named ``inlet`` and ``outlet``.
+        """
+        middle = self.points[self.triangles, 1].mean(axis=1)
+        kept, triangles = np.unique(self.triangles[(middle > low) & (middle < high)], return_inverse=True)
+        triangles = triangles.reshape(-1, 3)
+        number = np.full(len(self.points), -1)
+        number[kept] = np.arange(len(kept))
+        sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        _, first, count = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True)
+        edges, points = sides[first[count == 1]], self.points[kept]
+        before = {tuple(sorted(edge)): name for edge, name in zip(number[self.edges].tolist(), self.names, strict=True)}
+        cut = np.where(points[edges, 1].mean(axis=1) > 0.5 * (low + high), "inlet", "outlet")
+        names = [before.get(tuple(sorted(edge)), end) for edge, end in zip(edges.tolist(), cut, strict=True)]
+        named = np.array(names, dtype=self.names.dtype)
+        return replace(self, points=points, triangles=triangles, edges=edges, names=named), kept

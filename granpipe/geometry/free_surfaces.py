@@ -31,14 +31,45 @@ class _Underside:
 def voids(outline: Outline, angle: float) -> list[Array]:
     """Voids in the vessel as closed polygons (n, 2) [m], for surfaces at an angle from the horizontal [rad].
 
-    CaseError where a surface would reach the outlet: the solids there do not fill the vessel.
+    Raises
+    ------
+    CaseError : a surface would reach the outlet: the solids there do not fill the vessel
     """
+    found, low = _voids(outline, angle), outline.z_bottom
+    for part in found:
+        if part[:, 1].min() <= low + outline.tolerance:
+            raise CaseError(
+                f"the free surface that starts at z = {part[:, 1].max():.4g} m, {np.degrees(angle):.0f}° from the "
+                f"horizontal, reaches the outlet at z = {low:.4g} m: the solids do not fill the vessel; lengthen it "
+                "below the widening, or use particles (model: dem)",
+                ("outline", "wall"),
+            )
+    return found
+
+
+def free_surfaces(outline: Outline, angle: float) -> list[Array]:
+    """The surfaces that bound the voids, as lines (n, 2) [m]: what of their edges lies within the vessel."""
+    import shapely
+
+    wall = outline.wall
+    shell = [[0.0, wall[0, 1]], *wall, [0.0, wall[-1, 1]], [0.0, wall[0, 1]]]
+    solids = [shell, *(np.vstack([p, p[:1]]) for p in outline.obstacles.values())]
+    near = shapely.union_all([shapely.LineString(one) for one in solids]).buffer(outline.tolerance)
+    found: list[Array] = []
+    for polygon in _voids(outline, angle):
+        rest = shapely.LinearRing(polygon).difference(near)
+        merged = shapely.line_merge(rest) if rest.geom_type == "MultiLineString" else rest
+        found += [np.array(part.coords) for part in shapely.get_parts(merged)]
+    return found
+
+
+def _voids(outline: Outline, angle: float) -> list[Array]:
     import shapely
 
     chains = [*_undersides(outline, angle)]
     if not chains:
         return []
-    (top, bottom), low = outline.wall[[0, -1], 1], outline.z_bottom
+    top, bottom = outline.wall[[0, -1], 1]
     free = shapely.Polygon([(0, top), *outline.wall, (0, bottom)])
     free = free.difference(shapely.union_all([shapely.Polygon(p) for p in outline.obstacles.values()]))
     parts: list[Any] = []
@@ -46,16 +77,8 @@ def voids(outline: Outline, angle: float) -> list[Array]:
         region = free.intersection(shapely.Polygon(_below(chain, angle, outline)))
         own = shapely.LineString(chain.points)
         parts += [p for p in shapely.get_parts(region) if p.distance(own) <= outline.tolerance and p.area > 0]
-    whole = shapely.union_all(parts)
-    found = [part for part in shapely.get_parts(whole) if part.area > outline.tolerance * outline.r_max]
-    for part in found:
-        if part.bounds[1] <= low + outline.tolerance:
-            raise CaseError(
-                f"the free surface that starts at z = {part.bounds[3]:.4g} m, {np.degrees(angle):.0f}° from the "
-                f"horizontal, reaches the outlet at z = {low:.4g} m: the solids do not fill the vessel; lengthen it "
-                "below the widening, or use particles (model: dem)",
-                ("outline", "wall"),
-            )
+    whole = shapely.get_parts(shapely.union_all(parts))
+    found = [part for part in whole if part.area > outline.tolerance * outline.r_max]
     return [np.array(part.exterior.coords)[:-1] for part in found]
 
 

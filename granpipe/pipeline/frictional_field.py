@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from granpipe.analysis.compare import compare
 from granpipe.dem.sizes import size_classes
+from granpipe.errors import GranpipeError
 from granpipe.field import Array, Field, Mask
 from granpipe.fluid.fictitious import FluidSolution, to_field
 from granpipe.fluid.friction_law import LENGTH, FrictionLaw
@@ -30,8 +32,8 @@ RESERVOIR, PIPE = 1.0, 2.0
 
 CELLS_ACROSS, CORNER_REFINEMENT = 14.0, 3.0
 
-WALL_CHANGE, ANGLE_CHANGE = 1.2, np.radians(5)
-"""For the sensitivity: factor of the wall friction, and what is added to the angle of surfaces."""
+WALL_CHANGE, ANGLE_CHANGE = 0.2, np.radians(5)
+"""For the sensitivity: part of the wall friction, and of the angle of surfaces, by which they change both ways."""
 
 
 @dataclass(frozen=True)
@@ -46,28 +48,27 @@ class Solved:
 def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
     """Solve for the flow rate of the case, and again with other wall friction, surfaces and regularization.
 
-    Standard errors of the field are what the first two change.
+    Standard errors of the field are the larger of what either way of the first two changes.
     """
     solved = solve_plan(plan, friction)
     field = solved.field
-    rougher = friction.wall * WALL_CHANGE
-    if rougher <= friction.internal:
-        changed = {"wall friction + 20 %": replace(friction, wall=rougher)}
-    else:
-        changed = {"wall friction − 20 %": replace(friction, wall=friction.wall / WALL_CHANGE)}
-    if voids(plan.outline, friction.repose):
-        changed["angle of surfaces − 5°"] = replace(friction, repose=friction.repose - ANGLE_CHANGE)
-    others = {name: solve_plan(plan, one).field for name, one in changed.items()}
+    diameter = size_classes(plan.case.material.size).sauter_diameter
+    others: dict[str, list[Field]] = {}
+    notes = [f"{one.name} = {one.value}: {one.criterion}" for one in friction.decisions()]
+    for name, changed in _changed(plan, friction):
+        try:
+            others.setdefault(name, []).append(solve_plan(plan, changed).field)
+        except GranpipeError as error:
+            notes.append(f"{name}, one way, was not tried: {error}")
+    sensitivity = {name: max(_difference(field, one, diameter) for one in found) for name, found in others.items()}
     twice = solve_plan(plan, friction, 2 * FrictionLaw.regularization).field
-    classes = size_classes(plan.case.material.size)
-    sensitivity = {name: _difference(field, other, classes.sauter_diameter) for name, other in others.items()}
-    dependence = _difference(field, twice, classes.sauter_diameter)
+    dependence = _difference(field, twice, diameter)
     field = replace(
         field,
-        flux_r_se=_spread([field.flux_r, *(one.flux_r for one in others.values())]),
-        flux_z_se=_spread([field.flux_z, *(one.flux_z for one in others.values())]),
+        flux_r_se=_spread(field.flux_r, [[one.flux_r for one in found] for found in others.values()]),
+        flux_z_se=_spread(field.flux_z, [[one.flux_z for one in found] for found in others.values()]),
     )
-    narrowest = min(opening.gap for opening in find_openings(plan.outline)) / classes.sauter_diameter
+    narrowest = min(opening.gap for opening in find_openings(plan.outline)) / diameter
     gates = (
         *flow_gates(plan, field, solved.solution),
         TENSION.gate(solved.friction.tension),
@@ -81,9 +82,25 @@ def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
         "sensitivity": sensitivity,
         "regularization": dependence,
     }
-    notes = tuple(f"{one.name} = {one.value}: {one.criterion}" for one in friction.decisions())
-    notes += tuple(f"{name} changes the field by {value:.1%}" for name, value in sensitivity.items())
-    return ModelResult(field=field, gates=gates, figures=figures, solution=solved.solution, notes=notes)
+    notes += [f"{name} changes the field by {value:.1%}" for name, value in sensitivity.items()]
+    vessel = _within(solved.solution, plan)
+    return ModelResult(field=field, gates=gates, figures=figures, solution=vessel, notes=tuple(notes))
+
+
+def _changed(plan: Plan, friction: BulkFriction) -> Iterator[tuple[str, BulkFriction]]:
+    """What is tried for the sensitivity, and its name; no wall rubs more than the bulk."""
+    for factor in (1 - WALL_CHANGE, 1 + WALL_CHANGE):
+        if (wall := min(friction.wall * factor, friction.internal)) != friction.wall:
+            yield "wall friction ± 20 %", replace(friction, wall=wall)
+    if voids(plan.outline, friction.repose):
+        for change in (-ANGLE_CHANGE, ANGLE_CHANGE):
+            yield "angle of surfaces ± 5°", replace(friction, repose=friction.repose + change)
+
+
+def _within(solution: FluidSolution, plan: Plan) -> FluidSolution:
+    """The solution on the mesh of the vessel alone, without the pipes above and below."""
+    mesh, kept = solution.mesh.between(plan.outline.z_bottom, plan.outline.z_top)
+    return replace(solution, mesh=mesh, u=solution.u[kept], w=solution.w[kept], psi=solution.psi[kept])
 
 
 def solve_plan(plan: Plan, friction: BulkFriction, regularization: float = FrictionLaw.regularization) -> Solved:
@@ -148,5 +165,7 @@ def _in_any(polygons: list[Array], plan: Plan) -> Mask:
     return np.asarray(shapely.contains_xy(shapely.union_all([shapely.Polygon(p) for p in polygons]), r, z))
 
 
-def _spread(fluxes: list[Array]) -> Array:
-    return np.asarray(np.sqrt(sum((other - fluxes[0]) ** 2 for other in fluxes[1:])))
+def _spread(flux: Array, others: list[list[Array]]) -> Array:
+    """Root of the sum of squares, over what was changed, of the largest change."""
+    largest = [np.max([np.abs(other - flux) for other in found], axis=0) for found in others]
+    return np.asarray(np.sqrt(sum(one**2 for one in largest)))

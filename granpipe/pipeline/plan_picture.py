@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from granpipe.export.plan_picture import Planned, plan_picture
+from granpipe.geometry.free_surfaces import free_surfaces
 from granpipe.geometry.openings import find_openings
+from granpipe.planning.bulk_friction import bulk_friction
 from granpipe.planning.plan import Plan
 from granpipe.planning.sections import section_ranges
 
@@ -29,6 +31,7 @@ def planned(plan: Plan) -> Planned:
 
     ranges = section_ranges(plan.case, outline)
     dem = plan.settings
+    repose = bulk_friction(plan.case).repose
     return Planned(
         wall=outline.wall,
         obstacles=outline.obstacles,
@@ -36,4 +39,6 @@ def planned(plan: Plan) -> Planned:
         openings={one.name: (one.z, one.r_inner, one.r_outer) for one in find_openings(outline)},
         feed=None if dem is None else (dem.feed_bottom, dem.feed_top),
         plate=None if dem is None or dem.open_outlet else (dem.plate_z, dem.plate_z - dem.plate_speed * dem.duration),
+        surfaces=free_surfaces(outline, repose),
+        repose=repose,
     )

@@ -169,6 +169,16 @@ def model_plans(case: Case, cores: int = 1) -> dict[Model, Plan | CaseError]:
     return found
 
 
+def other_rheology(case: Case, cores: int = 1) -> tuple[str, Plan | CaseError]:
+    """The rheology of a fluid that the case does not ask for, and the plan with it."""
+    name: Literal["viscous", "frictional"] = "viscous" if case.fluid.rheology == "frictional" else "frictional"
+    other = case.model_copy(update={"fluid": case.fluid.model_copy(update={"rheology": name})})
+    try:
+        return name, _Scene(other, cores).plan("fluid")
+    except CaseError as error:
+        return name, error
+
+
 class _Scene:
     """A case with what the planner derives from it once."""
 

@@ -7,13 +7,24 @@ from collections.abc import Sequence
 from granpipe.case.schema import Case
 from granpipe.dem.settings import Decision
 from granpipe.errors import CaseError, GranpipeError
+from granpipe.fluid.friction_error import expected_error
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Model, Plan
 from granpipe.progress import duration_text
 from granpipe.system.rates import Rates
 
 
-def plan_text(plan: Plan, others: dict[Model, Plan | CaseError], rates: Rates | None) -> str:
+def plan_text(
+    plan: Plan, others: dict[Model, Plan | CaseError], fluid: tuple[str, Plan | CaseError], rates: Rates | None
+) -> str:
+    """All of a plan.
+
+    Parameters
+    ----------
+    others : the plans of all models, to stand side by side
+    fluid : the rheology that the case does not ask for, and the plan of a fluid with it
+    rates : of this machine, where they are known
+    """
     width = max(len(stage.name) for stage in (*plan.stages, *plan.left_out))
     lines = [f"{plan.case.name}: model {plan.model}", "", "stages"]
     lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.stages]
@@ -27,7 +38,9 @@ def plan_text(plan: Plan, others: dict[Model, Plan | CaseError], rates: Rates | 
         lines += ["fluid", *_decision_lines(plan.wall_factors), ""]
     for title, part in _dem_runs(plan):
         lines += _dem_lines(title, part)
-    lines += ["the models side by side", *(_variant_line(model, other, rates) for model, other in others.items())]
+    beside: list[tuple[str, Plan | CaseError]] = [*others.items()]
+    beside[1:1] = [(f"fluid, {fluid[0]}", fluid[1])]
+    lines += ["the models side by side", *(_variant_line(name, other, rates) for name, other in beside)]
     lines += [f"  times {_source(rates)}", ""]
     lines += [f"note: {warning}" for warning in plan.warnings]
     lines += [f"outside the range (a run ends with status 4): {breach}" for breach in plan.breaches]
@@ -77,14 +90,15 @@ def _source(rates: Rates | None) -> str:
     return f"by the speed of this machine, as measured on {rates.made}"
 
 
-def _variant_line(model: Model, plan: Plan | CaseError, rates: Rates | None) -> str:
+def _variant_line(name: str, plan: Plan | CaseError, rates: Rates | None) -> str:
     if isinstance(plan, GranpipeError):
-        return f"  {model:<7} not possible: {plan}"
+        return f"  {name:<17} not possible: {plan}"
     time_text = duration_text(forecast(plan, rates))
     unfit = "; does not describe every section" if plan.unfit else ""
+    error = f"; {expected_error(plan.case.fluid.rheology).text()}" if plan.model == "fluid" else ""
     runs = [part.dem for _, part in _dem_runs(plan)]
     particles = " + ".join(str(dem.particles) for dem in runs) or "no"
     return (
-        f"  {model:<7} {particles} particles, {plan.particle_steps:.3g} particle-steps, about {time_text}, "
-        f"{plan.disk_bytes / 1e6:.3g} MB of disk at the most{unfit}"
+        f"  {name:<17} {particles} particles, {plan.particle_steps:.3g} particle-steps, about {time_text}, "
+        f"{plan.disk_bytes / 1e6:.3g} MB of disk at the most{unfit}{error}"
     )

@@ -1,4 +1,4 @@
-"""Voids below overhangs, against their corners by hand."""
+"""Voids below overhangs and the surfaces that bound them, against their corners by hand."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from granpipe.errors import CaseError
 from granpipe.field import Array
-from granpipe.geometry.free_surfaces import voids
+from granpipe.geometry.free_surfaces import free_surfaces, voids
 from granpipe.geometry.outline import Outline
 
 ANGLE = np.radians(45)
@@ -61,3 +61,17 @@ def test_a_surface_ends_where_it_meets_an_obstacle() -> None:
 def test_a_surface_that_reaches_the_outlet_is_refused() -> None:
     with pytest.raises(CaseError, match="reaches the outlet"):
         voids(Outline.of([[0.5, 4], [0.5, 3], [1, 3], [1, 2.7]]), ANGLE)
+
+
+def test_the_surfaces_of_a_void_are_its_edges_within_the_vessel() -> None:
+    (line,) = free_surfaces(Outline.of([[0.5, 4], [0.5, 3], [1, 3], [1, 0]]), ANGLE)
+    assert corners(np.round(line, 4)) == {(0.5, 3.0), (1.0, 2.5)}
+    (ring,) = free_surfaces(Outline.of(PIPE, {"block": box(0.4, 0.8)}), ANGLE)
+    assert corners(np.round(ring, 4)) == {(0.4, 2.0), (0.6, 1.8), (0.8, 2.0)}
+    (cone,) = free_surfaces(Outline.of(PIPE, {"block": box(0.0, 0.5)}), ANGLE)
+    assert corners(np.round(cone, 4)) == {(0.5, 2.0), (0.0, 1.5)}
+
+
+def test_a_surface_that_reaches_the_outlet_is_still_drawn() -> None:
+    (line,) = free_surfaces(Outline.of([[0.5, 4], [0.5, 3], [1, 3], [1, 2.7]]), ANGLE)
+    assert corners(np.round(line, 4)) == {(0.5, 3.0), (0.8, 2.7)}

@@ -1,4 +1,4 @@
-"""What `check` and `plan` echo of a vessel: doubts, contents, and the free surfaces of the picture."""
+"""What `check` and `plan` echo of a vessel: doubts, contents, and the picture."""
 
 from __future__ import annotations
 
@@ -9,26 +9,9 @@ import pytest
 
 from granpipe.case.reader import load_case
 from granpipe.errors import CaseError
-from granpipe.export.plan_picture import REPOSE, free_surfaces
 from granpipe.pipeline.plan_picture import draw_plan
 from granpipe.planning.plan import make_plan
 from granpipe.planning.vessel_text import contents_text
-
-WALL = np.array([[1.0, 4.0], [1.0, 2.0], [2.0, 2.0], [2.0, 0.0]])
-
-
-def test_a_free_surface_falls_from_a_ledge_to_the_wall_at_the_angle_of_repose() -> None:
-    (line,) = free_surfaces(WALL, {})
-    np.testing.assert_allclose(line, [[1.0, 2.0], [2.0, 2.0 - np.tan(REPOSE)]], atol=1e-5)
-
-
-def test_a_ring_has_two_free_surfaces_under_it_and_a_cone_upright_on_the_axis_one() -> None:
-    pipe = np.array([[2.0, 4.0], [2.0, 0.0]])
-    ring = np.array([[1.0, 3.0], [1.4, 3.0], [1.4, 3.2], [1.0, 3.2]])
-    assert len(free_surfaces(pipe, {"ring": ring})) == 2
-    cone = np.array([[0.0, 3.0], [0.5, 2.0], [0.0, 2.0]])
-    (line,) = free_surfaces(pipe, {"cone": cone})
-    np.testing.assert_allclose(line[-1], [0.0, 2.0 - 0.5 * np.tan(REPOSE)], atol=1e-5)
 
 
 def test_contents_are_volume_times_density(tiny: Path) -> None:

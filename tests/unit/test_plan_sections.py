@@ -10,7 +10,7 @@ from granpipe.case.reader import resolve
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import parse_yaml
 from granpipe.errors import CaseError
-from granpipe.planning.plan import Plan, make_plan, model_plans
+from granpipe.planning.plan import Plan, make_plan, model_plans, other_rheology
 from granpipe.planning.text import plan_text
 
 FLAT = "[[90, 110], [90, 0], [24, 0], [24, -6]]"
@@ -154,14 +154,16 @@ def test_a_fluid_of_what_it_does_not_describe_is_marked_and_the_plan_says_one_th
     case = case_of(wall, model="fluid", outline__obstacles=ring)
     plan = make_plan(case)
     assert any("obstacle ring stands in it" in breach for breach in plan.breaches)
-    text = plan_text(plan, model_plans(case), None)
+    text = plan_text(plan, model_plans(case), other_rheology(case), None)
     assert "every section is straight" not in text
     assert "does not describe every section" in text
     fits = case_of(wall, model="fluid")
     assert make_plan(fits).breaches == ()
-    text = plan_text(make_plan(fits), model_plans(fits), None)
+    text = plan_text(make_plan(fits), model_plans(fits), other_rheology(fits), None)
     assert "every section is straight" in text
     assert "does not describe" not in text
+    assert "fluid, frictional" in text  # stands beside, with its error
+    assert text.count("wrong on average against DEM") == 2
 
 
 def test_a_heap_on_an_obstacle_belongs_to_the_section_above_it() -> None:

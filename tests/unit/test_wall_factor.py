@@ -11,7 +11,7 @@ from granpipe.case.reader import load_case
 from granpipe.fluid.wall_factor import MeasuredCone, WallFactorLaw, wall_factor_law
 from granpipe.pipeline.fluid_field import wall_law
 from granpipe.pipeline.results import plan_summary
-from granpipe.planning.plan import make_plan
+from granpipe.planning.plan import make_plan, other_rheology
 from granpipe.planning.text import plan_text
 from granpipe.planning.wall_factors import wall_friction
 
@@ -73,7 +73,7 @@ def test_a_given_factor_stays_and_plan_and_summary_tell_its_error() -> None:
     (factor,) = plan.wall_factors
     assert factor.name == "wall factor of section b"
     assert "the case says so" in factor.criterion
-    assert "expect an error of about" in plan_text(plan, {}, None)
+    assert "expect an error of about" in plan_text(plan, {}, other_rheology(plan.case), None)
     assert plan_summary(plan)["wall_factors"][0]["value"] == "0.67"
 
 

@@ -162,3 +162,18 @@ def test_anderson_solves_a_linear_problem_in_as_many_steps_as_it_has_unknowns() 
     for _ in range(5):
         x = anderson.next(x, matrix @ x + 1)
     np.testing.assert_allclose(x, exact, rtol=1e-6)
+
+
+def test_the_part_of_a_mesh_between_two_heights_keeps_its_points_and_walls_and_has_ends() -> None:
+    mesh = silo(30.0)
+    part, kept = mesh.between(0.0, 1.0)
+    np.testing.assert_array_equal(part.points, mesh.points[kept])
+    a, b, c = part.points[part.triangles].transpose(1, 2, 0)
+    area = 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+    volume = 2 * np.pi * (area * part.points[part.triangles, 0].mean(axis=1)).sum()
+    height = 0.5 / np.tan(np.radians(30))
+    cone = np.pi * height / 3 * (1 + 0.5 + 0.25)
+    assert volume == pytest.approx(cone + np.pi * (1 - height), rel=0.03)  # its ends are uneven
+    flow = part.ends()[part.named("outlet")]
+    assert flow[..., 1] == pytest.approx(0.0, abs=0.1)
+    assert {"inlet", "outlet", "axis"} < set(part.names.tolist())
