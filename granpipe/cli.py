@@ -77,7 +77,7 @@ class _SweepGroup(click.Group):
 class _Quantity(click.ParamType):  # type: ignore[type-arg]
     """A number with its unit; the command gets it in SI."""
 
-    def __init__(self, dimension: Literal["number", "length", "time"], positive: bool = False) -> None:
+    def __init__(self, dimension: Literal["number", "length", "time", "angle"], positive: bool = False) -> None:
         self.name, self.positive = dimension, positive
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
@@ -483,6 +483,35 @@ def homogenize(
     for note in made.notes:
         click.echo(f"note: {note}")
     _end(made.failed)
+
+
+@main.command()
+@_CASE
+@_SET
+@_RESULTS
+@click.option("--angle", type=_Quantity("angle", positive=True), required=True, metavar="ANGLE",
+              help="Measured angle of repose, such as '34 deg'.")  # fmt: skip
+@click.option("--error", type=_Quantity("angle"), default="0 deg", show_default=True, metavar="ANGLE",
+              help="Standard error of the measured angle.")  # fmt: skip
+@_CORES
+def repose(
+    case: Path, overrides: Mapping[str, str], results: Path, angle: float, error: float, cores: int | None
+) -> None:
+    """Find the friction that gives a measured angle of repose.
+
+    Runs heaps of the particles of CASE with different friction, and tells which pairs of sliding and rolling friction
+    give the angle. Finished heaps are not run again, and serve other angles too.
+    """
+    from granpipe.repose.run import calibrate_friction
+
+    if error < 0:
+        raise click.BadParameter(f"{math.degrees(error):.3g}° must not be below 0", param_hint="--error")
+    with Console() as console:
+        made = calibrate_friction(_read(case, overrides), angle, error, results, cores, console)
+    click.echo(made.text, err=True)
+    click.echo(f"figures and picture in {made.folder}", err=True)
+    click.echo(made.yaml, nl=False)
+    _end(made.found.failed)
 
 
 @main.command()

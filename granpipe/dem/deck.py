@@ -182,8 +182,8 @@ def make_deck(
     )
 
 
-def render(deck: Deck, template: str) -> str:
-    """Text of ``fill.in`` or ``produce.in``."""
+def render(deck: object, template: str) -> str:
+    """Text of a deck such as ``fill.in``, from the values that its template uses."""
     environment = templates(trim_blocks=False)
     environment.filters |= {"num": _number, "nums": lambda values: " ".join(map(_number, values))}
     text = environment.get_template(f"{template}.j2").render(deck=deck, version=granpipe.__version__)

@@ -57,8 +57,13 @@ def bulk_friction(case: Case) -> BulkFriction:
         wall, wall_source = math.tan(angle), "tan of material.wall_friction_angle"
     if wall > internal:
         wall, wall_source = internal, "as within the bulk: no wall rubs more"
-    repose = math.atan(max(internal, REPOSE_SLOPE * (internal - REPOSE_START)))
+    repose = repose_of(internal)
     repose_source = "from the bulk friction, by surfaces measured in DEM"
     if material.repose_angle is not None:
         repose, repose_source = material.repose_angle, "material.repose_angle"
     return BulkFriction(internal, wall, repose, (source, wall_source, repose_source))
+
+
+def repose_of(internal: float) -> float:
+    """Angle of free surfaces [rad] of a bulk with friction μ_i, by `REPOSE_SLOPE`."""
+    return math.atan(max(internal, REPOSE_SLOPE * (internal - REPOSE_START)))

@@ -33,6 +33,7 @@ ROOMS: dict[str, set[str]] = {
                  "planning"},
     "api": {"case", "system", "geometry", "export", "pipeline", "console"},
     "sweep": {"case", "system", "pipeline"},
+    "repose": {"case", "system", "dem", "fluid", "planning", "pipeline"},
     "study": {"case", "system", "geometry", "dem", "homogenize", "fluid", "export", "analysis", "planning", "pipeline",
               "sweep"},
 }  # fmt: skip
