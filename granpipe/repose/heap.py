@@ -9,6 +9,7 @@ does not depend on size, density or gravity, so lengths are in Sauter diameters 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import count
@@ -161,6 +162,25 @@ def read_slopes(folder: Path) -> list[float]:
     if len(files) != DROPS:
         raise DataError(f"{folder}: {len(files)} snapshots of a heap, {DROPS} expected")
     return [slope(read_snapshot(path, DUMP_COLUMNS)) for path in files]
+
+
+def read_motion(folder: Path) -> list[float]:
+    """Mean kinetic energy each time that the heap came to rest; more than `REST_ENERGY` where the wait was too short.
+
+    Raises
+    ------
+    DataError : LIGGGHTS did not print it
+    """
+    found = re.findall(
+        r"^granpipe: rested \d+ (\S+)$", (folder / "output.txt").read_text(errors="replace"), re.MULTILINE
+    )
+    try:
+        values = [float(one) for one in found]
+    except ValueError:
+        values = []
+    if len(values) != DROPS:
+        raise DataError(f"{folder / 'output.txt'}: {len(values)} energies of a heap at rest, {DROPS} expected")
+    return values
 
 
 def slope(snapshot: Snapshot) -> float:

@@ -15,7 +15,7 @@ from granpipe.case.schema import Case
 from granpipe.dem.run import Status
 from granpipe.errors import DataError
 from granpipe.progress import DONE_BEFORE, Progress, duration_text
-from granpipe.repose.heap import DISCARDED, DROPS, Heap, Pair, make_heap, read_slopes, run_heap
+from granpipe.repose.heap import DISCARDED, DROPS, Heap, Pair, make_heap, read_motion, read_slopes, run_heap
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.pool import Task, run_together
 from granpipe.system.store import Store, evidence_kept, key_of
@@ -26,6 +26,7 @@ _RECORD = "heap.json"
 STEPS_SHARE = 0.5
 """Steps of a heap over the most that it may take; 0.2 to 0.6 were seen."""
 
+Energy = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Slope = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]
 
 
@@ -44,11 +45,13 @@ class HeapRecord:
     Parameters
     ----------
     slopes : tan of the angle each time that it came to rest
+    motion : mean kinetic energy then
     particles : when filled
     steps, seconds : of LIGGGHTS [s]
     """
 
     slopes: tuple[Slope, ...]
+    motion: tuple[Energy, ...]
     particles: Annotated[int, Field(ge=1)]
     steps: Annotated[int, Field(ge=1)]
     seconds: Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -108,9 +111,9 @@ class Heaps:
                 for status in run_heap(heap, folder):
                     watch.at(one, status.step / heap.steps)
                     yield
-                slopes = read_slopes(folder)
+                slopes, motion = tuple(read_slopes(folder)), tuple(read_motion(folder))
             seconds = time.monotonic() - begun
-            write_json(folder / _RECORD, asdict(HeapRecord(tuple(slopes), heap.particles, status.step, seconds)))
+            write_json(folder / _RECORD, asdict(HeapRecord(slopes, motion, heap.particles, status.step, seconds)))
             for path in [*folder.glob("rest.*.bin"), *folder.glob("*.stl"), folder / "bed.txt"]:
                 path.unlink()
 
@@ -120,8 +123,8 @@ class Heaps:
     def _read(self, one: Asked) -> HeapRecord:
         folder = self._store.folder("heap", self._key(one))
         record = read_json(folder / _RECORD, HeapRecord)
-        if len(record.slopes) != DROPS:
-            raise DataError(f"{folder / _RECORD}: {len(record.slopes)} slopes, {DROPS} expected; delete {folder}")
+        if not len(record.slopes) == len(record.motion) == DROPS:
+            raise DataError(f"{folder / _RECORD}: not {DROPS} slopes and energies; delete {folder} and run again")
         return record
 
     def _heap(self, one: Asked) -> Heap:

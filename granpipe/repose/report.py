@@ -76,7 +76,12 @@ def found_data(found: Found) -> dict[str, Any]:
         },
         "heaps": [
             _pair(asked.pair)
-            | {"seed": asked.seed, "angle": math.degrees(math.atan(record.slope)), "slopes": record.slopes}
+            | {
+                "seed": asked.seed,
+                "angle": math.degrees(math.atan(record.slope)),
+                "slopes": record.slopes,
+                "motion": record.motion,
+            }
             for asked, record in zip(found.asked, found.records, strict=True)
         ],
         "failed": [gate.as_dict() for gate in found.failed],

@@ -40,6 +40,14 @@ MISFIT = Limit(
 )
 
 
+MOTION = Limit(
+    "mean kinetic energy of the liveliest heap at rest, in particle weights times diameters",
+    "repose",
+    "A heap that still flows is not at its angle of repose.",
+    high=0.01,
+)
+
+
 @dataclass(frozen=True)
 class Found:
     """What a search has found.
@@ -68,8 +76,9 @@ class Found:
     @property
     def failed(self) -> tuple[Gate, ...]:
         """Gates that do not hold."""
-        gate = MISFIT.gate(self.response.scatter / self.noise)
-        return () if gate.passed else (gate,)
+        motion = max(energy for record in self.records for energy in record.motion[DISCARDED:])
+        gates = MISFIT.gate(self.response.scatter / self.noise), MOTION.gate(motion)
+        return tuple(gate for gate in gates if not gate.passed)
 
     @property
     def noise(self) -> float:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,8 @@ class Known:
         self.asked += asked
         wave = 2 * self.noise * np.array([1.0, 1, 1, -1, 1, -1])  # mean of the four that count is 0
         return [
-            HeapRecord(tuple(truth(one.pair) + self.noise * self.random.normal() + wave), 1000, 1, 1.0) for one in asked
+            HeapRecord(tuple(truth(one.pair) + self.noise * self.random.normal() + wave), (1e-3,) * 6, 1000, 1, 1.0)
+            for one in asked
         ]
 
 
@@ -195,7 +197,7 @@ def test_heaps_that_the_surface_cannot_follow_mark_the_result() -> None:
     class Rough(Known):
         def run(self, asked: Sequence[Asked], name: str) -> list[HeapRecord]:
             return [
-                HeapRecord(tuple(np.array(record.slopes) + 0.1 * (-1) ** number), 1000, 1, 1.0)
+                HeapRecord(tuple(np.array(record.slopes) + 0.1 * (-1) ** number), record.motion, 1000, 1, 1.0)
                 for number, record in enumerate(super().run(asked, name))
             ]
 
@@ -205,6 +207,16 @@ def test_heaps_that_the_surface_cannot_follow_mark_the_result() -> None:
         "scatter of heaps about the fitted surface, over that of the slopes of one heap"
     ]
     assert not found_for(math.radians(32)).failed
+
+
+def test_a_heap_that_still_flows_marks_the_result() -> None:
+    class Lively(Known):
+        def run(self, asked: Sequence[Asked], name: str) -> list[HeapRecord]:
+            return [replace(record, motion=(1e-3,) * 5 + (0.05,)) for record in super().run(asked, name)]
+
+    heaps: Any = Lively(0.01)
+    found = search(case(), math.radians(32), 0.0, heaps, None, 2, Silent())
+    assert [gate.value for gate in found.failed] == [0.05]
 
 
 def test_text_yaml_table_and_picture_tell_the_recommended_pair(tmp_path: Path) -> None:
