@@ -23,8 +23,8 @@ from granpipe.system.store import Store, evidence_kept, key_of
 _VERSION = 1
 _RECORD = "heap.json"
 
-STEPS_SHARE = 0.5
-"""Steps of a heap over the most that it may take; 0.2 to 0.6 were seen."""
+STEPS_SHARE = 0.7
+"""Steps of a heap over the most that it may take; 0.55 to 0.85 were seen."""
 
 Energy = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Slope = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]

@@ -23,7 +23,7 @@ from granpipe.field import Array
 from granpipe.repose.heap import Pair
 
 SLIDING_SCALE, ROLLING_SCALE = 0.3, 0.325
-"""m, ρ; measured: docs/validation/repose.md."""
+"""m, ρ; ρ is that of the bulk friction, and both fit the heaps of docs/validation/repose.md."""
 
 LEAST, MOST = Pair(0.1, 0.0), Pair(1.0, 0.5)
 """Frictions among which pairs are searched. Beyond the most the slope hardly grows."""
