@@ -24,7 +24,7 @@ _VERSION = 1
 _RECORD = "heap.json"
 
 STEPS_SHARE = 0.7
-"""Steps of a heap over the most that it may take; 0.55 to 0.85 were seen."""
+"""Steps of a heap over the most that it may take; 0.5 to 0.8 were seen."""
 
 Energy = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Slope = Annotated[float, Field(ge=-5, le=5, allow_inf_nan=False)]
