@@ -16,7 +16,7 @@ from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, gathered_flow, plug_levels
 from granpipe.homogenize.psi_fit import PsiFit, Roles, Weights, node_roles
 from granpipe.homogenize.smooth import flowing_faces
-from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, effective_samples, standard_error
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, flux_errors, standard_error
 
 SMOOTHING_LENGTHS = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 """Candidates for ℓ, in particle diameters."""
@@ -62,7 +62,7 @@ def psi_field(
 ) -> PsiFitted:
     """Fit ψ to the average of some segments, and to that of each block of them for the standard error.
 
-    Errors allow for the correlation that neighbouring blocks still have (`effective_samples`).
+    Errors allow for the correlation that neighbouring blocks still have, by component and place (`flux_errors`).
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def psi_field(
     raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
     independent = blocks(segments, min(len(segments), BLOCKS))
     run = np.array([block.run for block in independent])
-    raw_se, _ = _standard_errors([block.mean_flux for block in independent], run, sums.grid)
+    raw_se, _ = flux_errors([block.mean_flux for block in independent], run, sums.grid, diameter)
     if raw_se[1].max() < 1e-9 * np.abs(sums.mean_flux[1]).max():
         raise DataError("the segments do not differ at all: no standard error can be had from them")
     weights = _weights(raw_se, flowing_faces(raw.bulk, inside_fraction), sums.grid, diameter)
@@ -94,7 +94,7 @@ def psi_field(
     flux_r, flux_z = flux_from_psi(psi, sums.grid)
     field = replace(raw, psi=psi, flux_r=flux_r, flux_z=flux_z)
     fluxes = [flux_from_psi(fit.solve(*flux, flow), sums.grid) for flux, flow in map(steady.data, independent)]
-    se, effective = _standard_errors(fluxes, run, sums.grid)
+    se, effective = flux_errors(fluxes, run, sums.grid, diameter)
     if len(segments) >= LEAST_BLOCKS:
         field = replace(field, raw_flux_r_se=raw_se[0], raw_flux_z_se=raw_se[1], flux_r_se=se[0], flux_z_se=se[1])
     return PsiFitted(
@@ -176,14 +176,6 @@ class _Steady:
             flux_r - self._mean[0] * (0.5 * (part[1:] + part[:-1]))[:, None],
             flux_z - self._mean[1] * part[:, None],
         )
-
-
-def _standard_errors(fluxes: Sequence[Flux], run: NDArray[np.int64], grid: Grid) -> tuple[Flux, float]:
-    """Standard errors of the mean flux through every face, and how many independent blocks they rest on."""
-    flux_r, flux_z = (np.array(component) for component in zip(*fluxes, strict=True))
-    through = [flux_r * np.sqrt(grid.side_area), flux_z * np.sqrt(grid.ring_area)]
-    effective = effective_samples(np.concatenate([a.reshape(len(a), -1) for a in through], axis=1), run)
-    return (standard_error(flux_r, effective), standard_error(flux_z, effective)), min(effective, len(fluxes))
 
 
 def _scatter(fluxes: Sequence[Flux], run: NDArray[np.int64], se_z: Array, grid: Grid) -> float | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Grid, Mask
@@ -16,6 +17,7 @@ LEAST_BLOCKS = 7
 """Fewer give no standard error."""
 
 _BATCH = 5  # MSER-5
+_REACH = 1.0  # diameters: correlation times are seen through a Gaussian of this width
 _LEAST_CORRELATED = 0.25  # samples, as a correlation time
 _MOST_CORRELATED = 1 / 3  # of the samples, as a correlation time: longer ones cannot be told from a trend
 
@@ -79,9 +81,10 @@ def blocks(segments: Sequence[Sums], least: int = LEAST_BLOCKS) -> list[Sums]:
     return [merge(run[at : at + length]) for run in runs for at in range(len(run) % length, len(run), length)]
 
 
-def standard_error(values: Array, effective: float | None = None) -> Array:
+def standard_error(values: Array, effective: Array | float | None = None) -> Array:
     """Standard error of the mean of (n, …) values along the first axis, from `effective` independent ones (or n)."""
-    return np.asarray(values.std(axis=0) / np.sqrt((effective or len(values)) - 1))
+    count = len(values) if effective is None else effective
+    return np.asarray(values.std(axis=0) / np.sqrt(np.asarray(count) - 1))
 
 
 def effective_samples(values: Array, run: NDArray[np.int64]) -> float:
@@ -104,16 +107,70 @@ def effective_samples(values: Array, run: NDArray[np.int64]) -> float:
     covariance = np.array([pairs.mean() for pairs in lagged if pairs.size])
     if len(covariance) < 2:
         return float(count)
+    return count / float(_correlation_time(covariance, count))
+
+
+def local_effective_samples(values: Array, run: NDArray[np.int64], reach: float) -> Array:
+    """(nz, nr) the same place by place, for n correlated samples on a grid.
+
+    What is far apart, or flows in another direction, is correlated over other times: where solids creep along a wall
+    the same particles stay for long. Covariances are seen through a Gaussian, since those of one place are noisy.
+
+    Parameters
+    ----------
+    values : (n, nz, nr) samples, scaled so that neighbours count alike
+    run : (n,) which run each sample is of; runs are independent
+    reach : width of the Gaussian, in cells
+    """
+    count = len(values)
+    deviation = values - values.mean(axis=0)
+    lags = []
+    for lag in range(count // 2):
+        same = run[: count - lag] == run[lag:]
+        if not same.any():
+            break
+        products = np.einsum("i...,i...->...", deviation[: count - lag][same], deviation[lag:][same]) / same.sum()
+        lags.append(ndimage.gaussian_filter(products, reach, mode="nearest"))
+    if len(lags) < 2:
+        return np.full(values.shape[1:], float(count))
+    return count / _correlation_time(np.array(lags), count)
+
+
+def flux_errors(
+    fluxes: Sequence[tuple[Array, Array]], run: NDArray[np.int64], grid: Grid, diameter: float
+) -> tuple[tuple[Array, Array], float]:
+    """Standard errors of the mean flux through every face, and how many independent samples there are in all.
+
+    The errors go by the correlation times of each component and place: one time for all is too short for the radial
+    motion and too long for the vertical one, which the plate controls.
+
+    Parameters
+    ----------
+    fluxes : flux through the cylindrical and the horizontal faces, sample by sample, in the order of run and time
+    run : (n,) which run each sample is of
+    diameter : of the particles [m]
+    """
+    flux_r, flux_z = (np.array(component) for component in zip(*fluxes, strict=True))
+    through = [flux_r * np.sqrt(grid.side_area), flux_z * np.sqrt(grid.ring_area)]
+    effective = effective_samples(np.concatenate([a.reshape(len(a), -1) for a in through], axis=1), run)
+    local_r, local_z = (local_effective_samples(a, run, _REACH * diameter / grid.cell) for a in through)
+    return (standard_error(flux_r, local_r), standard_error(flux_z, local_z)), min(effective, len(fluxes))
+
+
+def _correlation_time(covariance: Array, count: int) -> Array:
+    """(…) τ from the covariances (lags, …) of `count` samples; 1 where nothing varies."""
     covariance = covariance[: len(covariance) // 2 * 2]
-    share = 1 - np.arange(len(covariance)) / count
-    time = 1.0
+    variance = np.where(covariance[0] > 0, covariance[0], 1.0)
+    share = (1 - np.arange(len(covariance)) / count).reshape(-1, *[1] * (covariance.ndim - 1))
+    time = np.ones(covariance.shape[1:])
     for _ in range(30):
-        lost = covariance[0] * time / (count - time)
-        correlation = share * (covariance + lost) / (covariance[0] + lost)
-        paired = correlation.reshape(-1, 2).sum(axis=1)
-        positive = paired[: max(1, int(np.argmax(np.append(paired, -1.0) <= 0)))]
-        time = float(np.clip(2 * positive.sum() - 1, _LEAST_CORRELATED, _MOST_CORRELATED * count))
-    return count / time
+        lost = variance * time / (count - time)
+        correlation = share * (covariance + lost) / (variance + lost)
+        paired = correlation.reshape(-1, 2, *covariance.shape[1:]).sum(axis=1)
+        positive = np.logical_and.accumulate(paired > 0, axis=0)
+        positive[0] = True
+        time = np.clip(2 * (paired * positive).sum(axis=0) - 1, _LEAST_CORRELATED, _MOST_CORRELATED * count)
+    return np.where(covariance[0] > 0, time, 1.0)
 
 
 def turnovers(sums: Sums, z_range: tuple[float, float]) -> float:

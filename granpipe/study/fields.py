@@ -20,7 +20,7 @@ from granpipe.field import Array, Field, Grid, flux_from_psi
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.coarsen import coarsened
 from granpipe.homogenize.psi_field import BLOCKS
-from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, effective_samples, standard_error
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, flux_errors
 from granpipe.pipeline.averages import after_transient, averaged_field, statistical_errors
 from granpipe.pipeline.production import Production
 from granpipe.pipeline.records import SegmentRecord, SettleRecord
@@ -156,9 +156,11 @@ def field_of(plan: Plan, steady: Sequence[Sums], method: Method = PSI) -> Averag
         return Average(refined(made.field, plan.grid, inside, method.joined), made.figures["effective_blocks"])
     if method.name == "raw":
         flux_r, flux_z = merge(segments).mean_flux
-        return _with_errors(replace(made.field, flux_r=flux_r, flux_z=flux_z), segments, lambda block: block.mean_flux)
+        return _with_errors(
+            replace(made.field, flux_r=flux_r, flux_z=flux_z), segments, diameter, lambda block: block.mean_flux
+        )
     return _with_errors(
-        made.field, segments, lambda block: _flux(averaged_field(case, plan.outline, [block], diameter).field)
+        made.field, segments, diameter, lambda block: _flux(averaged_field(case, plan.outline, [block], diameter).field)
     )
 
 
@@ -175,14 +177,13 @@ def _flux(field: Field) -> tuple[Array, Array]:
     return field.flux_r, field.flux_z
 
 
-def _with_errors(field: Field, segments: Sequence[Sums], make: Callable[[Sums], tuple[Array, Array]]) -> Average:
+def _with_errors(
+    field: Field, segments: Sequence[Sums], diameter: float, make: Callable[[Sums], tuple[Array, Array]]
+) -> Average:
     """The field with standard errors from how blocks differ that are each made a field of their own."""
     joined, fluxes = _blocks_made(segments, make)
     grid, run = field.grid, np.array([block.run for block in joined])
-    flux_r, flux_z = (np.array(component) for component in zip(*fluxes, strict=True))
-    through = [flux_r * np.sqrt(grid.side_area), flux_z * np.sqrt(grid.ring_area)]
-    effective = effective_samples(np.concatenate([a.reshape(len(a), -1) for a in through], axis=1), run)
-    errors = standard_error(flux_r, effective), standard_error(flux_z, effective)
+    errors, effective = flux_errors(fluxes, run, grid, diameter)
     return Average(replace(field, flux_r_se=errors[0], flux_z_se=errors[1]), effective)
 
 

@@ -13,6 +13,7 @@ from granpipe.homogenize.average import Collector, merge
 from granpipe.homogenize.statistics import (
     blocks,
     effective_samples,
+    local_effective_samples,
     off_centre,
     onset,
     standard_error,
@@ -111,6 +112,31 @@ def test_effective_samples_of_a_series_with_memory_are_what_its_correlation_says
     warmed = [[autoregressive(rng, count + 50, memory)[50:] for _ in range(40)] for _ in range(30)]
     counted = [effective_samples(np.array(columns).T, np.zeros(count, dtype=int)) for columns in warmed]
     assert np.median(counted) == pytest.approx(true, rel=0.1)
+
+
+def test_local_effective_samples_are_those_of_each_place():
+    # left without memory, right with one of 0.6: a single time for both is wrong for either
+    rng, count = np.random.default_rng(8), 60
+    lag = np.arange(1, count)
+    counted = []
+    for _ in range(12):
+        places = [[autoregressive(rng, count + 50, 0.6 * (at >= 10))[50:] for at in range(20)] for _ in range(12)]
+        values = np.array(places).transpose(2, 0, 1)
+        local = local_effective_samples(values, np.zeros(count, dtype=int), 2.0)
+        counted.append([local[:, :6].mean(), local[:, 14:].mean()])
+    slow = count / (1 + 2 * ((1 - lag / count) * 0.6**lag).sum())
+    assert np.median(counted, axis=0) == pytest.approx([count, slow], rel=0.12)
+
+
+def test_local_and_common_effective_samples_are_the_same_for_one_place():
+    values = autoregressive(np.random.default_rng(9), 60, 0.5)
+    run = np.repeat([0, 1], 30)
+    local = local_effective_samples(values[:, None, None], run, 1.0)
+    assert local == pytest.approx(effective_samples(values[:, None], run), rel=1e-9)
+
+
+def test_what_never_moves_counts_every_sample():
+    assert local_effective_samples(np.ones((20, 3, 4)), np.zeros(20, dtype=int), 1.0) == pytest.approx(20)
 
 
 def test_samples_of_different_runs_are_not_neighbours():
