@@ -159,6 +159,8 @@ def _syntax_error(error: yaml.MarkedYAMLError, text: str, places: Places) -> Cas
             'inside [ ] or { } YAML cannot read a unit in brackets: write 3 cm or "3[cm]"; '
             "outline points are plain numbers, and outline.unit says their unit"
         )
+    elif "'\\t'" in message:
+        message = "a tab; YAML indents with spaces only"
     return CaseError(message, place=places.at(line))
 
 

@@ -63,11 +63,15 @@ def half_section(drawing: Lines, axis: float | None = None, up: str = "y") -> Ha
     ------
     CaseError : the lines do not bound one vessel from inlet to outlet; the message names the coordinates
     """
+    if not all((np.abs(line.points) <= LARGEST).all() for line in drawing.lines):
+        raise CaseError(f"a coordinate is no number, or beyond {LARGEST:g}")
     lines = [Line(_turned(line.points, up), line.layer) for line in drawing.lines if len(line.points) > 1]
     if not lines:
         raise CaseError("holds no lines")
     layers = _by_layer(lines)
-    used = [line for kind in ("wall", "obstacle") for line in layers.get(kind, [])] or lines
+    if "wall" not in layers and not layers.get(""):
+        raise CaseError(f"holds no wall, only layers {', '.join(sorted({line.layer for line in lines}))}")
+    used = [*layers["wall"], *layers.get("obstacle", [])] if "wall" in layers else lines
     tolerance = drawing.precision * _size(used)
     notes = []
     if "wall" in layers and (other := sorted({line.layer for line in layers.get("", [])})):
@@ -125,8 +129,6 @@ def _turned(points: Points, up: str) -> Points:
 
 def _size(lines: Sequence[Line]) -> float:
     every = np.concatenate([line.points for line in lines])
-    if not (np.abs(every) <= LARGEST).all():
-        raise CaseError(f"a coordinate is no number, or beyond {LARGEST:g}")
     size = float(np.ptp(every, axis=0).max())
     if size == 0:
         raise CaseError("all points are the same")
@@ -222,7 +224,10 @@ def _areas(lines: Sequence[Line], tolerance: float) -> tuple[Polygon, list[tuple
         if loose.length > 10 * tolerance:
             r, z = loose.centroid.coords[0]
             raise CaseError(f"a loose line inside the vessel near ({r:.9g}, {z:.9g}): close it, or take it out")
-    drawn = [(line.layer, area) for line, path in zip(lines, paths, strict=True) for area in _closed(path, tolerance)]
+    drawn: list[tuple[str, Polygon]] = []
+    for line, path in zip(lines, paths, strict=True):
+        closed = _closed(path, tolerance)
+        drawn += [(line.layer, area) for area in closed if not any(area.equals(other) for _, other in drawn)]
     return flow, [(layer, area) for layer, area in drawn if not area.covers(flow.representative_point())]
 
 

@@ -38,6 +38,8 @@ def read_mphtxt(path: Path, sagitta: float | None = None) -> Lines:
         raise CaseError("the mesh has no triangles or quadrilaterals; export the mesh of the r–z domain")
     edges = np.sort(np.concatenate([np.stack([e, np.roll(e, -1, axis=1)], axis=2).reshape(-1, 2) for e in elements]))
     single, count = np.unique(edges, axis=0, return_counts=True)
+    if (count > 2).any() or any(len(np.unique(np.sort(e, axis=1), axis=0)) < len(e) for e in elements):
+        raise CaseError("damaged: elements lie on each other; make the mesh anew")
     boundary = single[count == 1]
     if (boundary < 0).any() or (boundary >= len(points)).any() or not np.isfinite(points).all():
         raise CaseError("damaged: elements with vertices that are not there")

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from itertools import combinations
 
 from granpipe.field import Array
-from granpipe.geometry.polyline import closest_approach, edges_of
+from granpipe.geometry.polyline import closest_approach, edges_of, farther
 
 AXIS, WALL = "\0axis", "\0wall"  # no obstacle can have these names
 
@@ -47,6 +47,8 @@ def touching_groups(left: Array, wall: Array, obstacles: Mapping[str, Array], to
         if closest_approach(border, edges_of(wall))[0] <= tolerance:
             groups.join(name, WALL)
     for a, b in combinations(borders, 2):
+        if farther(obstacles[a], obstacles[b], tolerance):
+            continue
         if closest_approach(borders[a], borders[b])[0] <= tolerance:
             groups.join(a, b)
     return groups

@@ -6,6 +6,9 @@ import numpy as np
 
 from granpipe.field import Array, Mask
 
+_PAIRS = 500_000
+"""Of edges that are compared at once: more take memory."""
+
 
 def edges_of(points: Array, closed: bool = False) -> Array:
     """Edges (n, 2, 2) that join the points (n or n+1, 2) in order: [edge, end, (r, z)]."""
@@ -66,6 +69,12 @@ def closest_approach(a: Array, b: Array) -> tuple[float, Array, Array]:
     return float(from_b[i, j]), foot_on_a[i, j], b.reshape(-1, 2)[i]
 
 
+def farther(a: Array, b: Array, distance: float) -> bool:
+    """Whether points (n, 2) and (m, 2) are farther apart than a distance for certain, by the boxes that hold them."""
+    between = np.maximum(a.min(axis=0) - b.max(axis=0), b.min(axis=0) - a.max(axis=0))
+    return bool(between.max() > distance)
+
+
 def pieces(edges: Array, cutters: Array) -> Array:
     """The edges (n, 2, 2) cut where the cutters meet them: (k, 2, 2)."""
     parts = crossing_parts(edges, cutters)
@@ -107,16 +116,18 @@ def self_contact(edges: Array, tolerance: float, closed: bool) -> tuple[int, int
     """First two edges of one polyline that meet although they are not neighbours, or that fold back on each other."""
     count = len(edges)
     index = np.arange(count)
-    apart = np.abs(index[:, None] - index)
-    if closed:
-        apart = np.minimum(apart, count - apart)
+    bad = np.zeros((count, count), dtype=bool)
+    for rows in np.array_split(index, max(1, count * count // _PAIRS)):
+        apart = np.abs(rows[:, None] - index)
+        if closed:
+            apart = np.minimum(apart, count - apart)
+        bad[rows] = (gaps(edges[rows], edges) <= tolerance) & (apart > 1)
     along = edges[:, 1] - edges[:, 0]
     following = np.roll(along, -1, axis=0)
     flat = np.abs(cross(along, following)) <= 1e-9 * np.linalg.norm(along, axis=1) * np.linalg.norm(following, axis=1)
     folds = flat & (np.sum(along * following, axis=1) < 0)
     if not closed:
         folds[-1] = False
-    bad = (gaps(edges, edges) <= tolerance) & (apart > 1)
     bad[index[folds], (index[folds] + 1) % count] = True
     found = np.argwhere(bad)
     return (int(found[0].min()), int(found[0].max())) if len(found) else None

@@ -16,6 +16,7 @@ from granpipe.geometry.polyline import (
     crosses,
     distance_to,
     edges_of,
+    farther,
     inside_polygon,
     pieces,
     self_contact,
@@ -24,6 +25,12 @@ from granpipe.geometry.polyline import (
 
 WALL_KEY = ("outline", "wall")
 LEFT_KEY, RIGHT_KEY = ("outline", "left"), ("outline", "right")
+
+MOST_POINTS = 5000
+"""Of one line: a curve that is drawn to a thousandth has some hundred."""
+
+MOST_OBSTACLES = 100
+"""In a vessel: a drawing with more shows something else, too."""
 
 
 class ZRange(Protocol):
@@ -108,6 +115,11 @@ def check_obstacles(
     left: Array, wall: Array, obstacles: Mapping[str, Array], tolerance: float, axial: bool = True
 ) -> None:
     """CaseError unless the obstacles (closed polygons) lie in the vessel, apart, and leave a way through."""
+    if len(obstacles) > MOST_OBSTACLES:
+        raise CaseError(
+            f"{len(obstacles)} obstacles, more than {MOST_OBSTACLES}; leave out what is no solid in the vessel",
+            ("outline", "obstacles"),
+        )
     for name, polygon in obstacles.items():
         _check_polygon(polygon, obstacle_key(name), tolerance, axial)
         _check_within_walls(polygon, left, wall, obstacle_key(name), tolerance)
@@ -156,6 +168,10 @@ def _check_points(points: Array, key: KeyPath, least: int, axial: bool) -> None:
     pair = "[r, z]" if axial else "[x, z]"
     if len(points) < least:
         raise CaseError(f"has {len(points)} point{'s' * (len(points) != 1)}; give at least {least} as {pair}", key)
+    if len(points) > MOST_POINTS:
+        raise CaseError(
+            f"has {len(points)} points, more than {MOST_POINTS}; leave out those that lie on straight lines", key
+        )
     for i, (r, z) in enumerate(points):
         if not (np.isfinite(r) and np.isfinite(z)):
             raise CaseError(f"[{r:g}, {z:g}] is not a point; give finite numbers {pair}", (*key, i))
@@ -230,6 +246,8 @@ def _strays(points: Array, polygon: Array, tolerance: float) -> Array:
 
 def _overlap(a: Array, b: Array, tolerance: float) -> bool:
     """Whether two polygons share area: a piece of one border, or a point inside one, lies within the other."""
+    if farther(a, b, tolerance):
+        return False
     return _reaches_into(a, b, tolerance) or _reaches_into(b, a, tolerance)
 
 

@@ -11,6 +11,7 @@ from granpipe.errors import CaseError
 from granpipe.export.outline_picture import outline_picture
 from granpipe.geometry.outline import Outline
 from granpipe.planning.vessel_text import outline_yaml, vessel_text
+from granpipe.system.files import check_picture
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,10 @@ def drawn_vessel(
     Raises
     ------
     CaseError : the unit is none, or the vessel is impossible
+    RunError : something else stands where the picture is to go
     DataError : the drawing cannot be read, or there is no vessel in it
     """
+    check_picture(picture)
     drawing = read_drawing(file, unit, axis, up, tolerance)
     section = drawing.section
     try:

@@ -16,7 +16,7 @@ import numpy as np
 from granpipe.dem.contact import MEAN_OVERLAP, P99_OVERLAP
 from granpipe.field import Array, Field, level_flow
 from granpipe.geometry.openings import find_openings
-from granpipe.planning.plan import Plan
+from granpipe.planning.plan import LEAST_CELLS, Plan
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ CELLS = Limit(
     ANY,
     "On fewer cells the velocity in an opening is an average over most of it. By default there are 40 (fluid), or 4 in "
     "a particle diameter.",
-    low=4,
+    low=LEAST_CELLS,
     remedy="homogenize.cell",
 )
 FOLLOWED = Limit(

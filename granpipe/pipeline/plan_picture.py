@@ -10,10 +10,17 @@ from granpipe.geometry.openings import find_openings
 from granpipe.planning.bulk_friction import bulk_friction
 from granpipe.planning.plan import Plan
 from granpipe.planning.sections import section_ranges
+from granpipe.system.files import check_picture
 
 
 def draw_plan(plan: Plan, path: Path) -> str:
-    """Draw a plan into a PNG file; a line that says where it is, or why it is not there."""
+    """Draw a plan into a PNG file; a line that says where it is, or why it is not there.
+
+    Raises
+    ------
+    RunError : something else stands where the picture is to go
+    """
+    check_picture(path)
     try:
         plan_picture(planned(plan), f"{plan.case.name}: model {plan.model}", path)
     except OSError as error:

@@ -17,6 +17,9 @@ LARGE_VESSEL = 50.0
 SMALL_VESSEL = 0.01
 """Height [m] below which metres that were read as millimetres are more likely."""
 
+COHESIVE = 30e-6
+"""Diameter [m] below which dry powders cohere. Source: Geldart's group C (1973), about 30 µm."""
+
 
 def doubts(case: Case, outline: Outline) -> Iterator[str]:
     """Questions to the author of a case, as notes."""
@@ -24,15 +27,21 @@ def doubts(case: Case, outline: Outline) -> Iterator[str]:
     size = f"the vessel is {height:.3g} m high and {2 * outline.r_max:.3g} m wide"
     if (hint := unit_hint(case, outline)) or max(outline.r_max, height) >= LARGE_VESSEL:
         yield f"{size}{hint or '; is outline.unit right?'}"
-    elif height < SMALL_VESSEL:
-        yield f"{size}; is outline.unit right?"
+    largest = 2 * size_classes(case.material.size).largest
+    if largest < COHESIVE:
+        yield (
+            f"material.size: particles of at most {largest:.3g} m hold together, and cohesion is not modelled; are the "
+            "sizes right?"
+        )
     for name, section in section_ranges(case, outline).items():
         if name not in case.outline.sections:
             yield f"no section covers z = {section.z_bottom:g} … {section.z_top:g} m; is a level of a section mistyped?"
 
 
 def unit_hint(case: Case, outline: Outline) -> str:
-    """A question where coordinates in mm may have been read as metres; otherwise nothing."""
+    """A question where coordinates in mm may have been read as metres or the reverse; otherwise nothing."""
+    if outline.z_top - outline.z_bottom < SMALL_VESSEL:
+        return "; is outline.unit right?"
     if "unit" in case.outline.model_fields_set or max(outline.r_max, abs(outline.z_top)) < LARGE_VESSEL:
         return ""
     return f"; the vessel is {outline.r_max:g} m in radius: did you mean outline.unit: mm?"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -29,6 +29,9 @@ Model = Literal["dem", "fluid", "hybrid"]
 
 CELLS_PER_DIAMETER = 4
 """Cells per Sauter diameter: smaller than the particles, as in Sparta & Halvorsen (2017); finer gains nothing."""
+
+LEAST_CELLS = 4
+"""Across the narrowest opening: a gate marks a field on fewer cells."""
 
 CELLS_PER_OPENING = 40
 """Cells across the narrowest opening where there are no particles to measure by."""
@@ -260,7 +263,10 @@ class _Scene:
 
     def _narrow(self, openings: Iterable[Opening]) -> list[str]:
         """Notes on openings that are narrow for the particles; CaseError where one is too narrow."""
-        decisions = [check_gap(opening, size_classes(self.case.material.size), 1.0) for opening in openings]
+        try:
+            decisions = [check_gap(opening, size_classes(self.case.material.size), 1.0) for opening in openings]
+        except CaseError as error:
+            raise self._with_hint(error) from None
         return [f"{decision.name}: {decision.warning}" for decision in decisions if decision.warning]
 
     def _unfit(self, names: Iterable[str]) -> tuple[list[str], list[str]]:
@@ -438,11 +444,20 @@ class _Scene:
             stages=tuple(stages),
             left_out=tuple(left),
             decisions=(),
-            notes=(*doubts(self.case, self.outline), *(notes or ())),
+            notes=(*doubts(self.case, self.outline), *self._coarse(grid), *(notes or ())),
             particle_steps=0.0,
             seconds=seconds,
             disk_bytes=0.0,
         )
+
+    def _coarse(self, grid: Grid) -> Iterator[str]:
+        """A note where the result will be marked for its cells."""
+        narrowest = min(opening.gap for opening in self.openings)
+        if self.case.homogenize.cell != "auto" and narrowest < LEAST_CELLS * grid.cell:
+            yield (
+                f"homogenize.cell: {grid.cell:.3g} m in an opening of {narrowest:.3g} m: with fewer than {LEAST_CELLS} "
+                "cells across it the result will be marked"
+            )
 
     def _grid(self, cell: float) -> Grid:
         """The grid that the case gives, or one of about this cell size [m]."""

@@ -25,6 +25,28 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(cast(BufferedReader, file), "sha256").hexdigest()
 
 
+PNG = b"\x89PNG"
+"""How a picture begins."""
+
+
+def check_picture(path: Path) -> None:
+    """Refuse a path for a picture where something else stands: it would be lost.
+
+    Raises
+    ------
+    RunError : there is a file that is no PNG picture, a folder or a device
+    """
+    try:
+        with open_regular(path) as file:
+            other = file.read(len(PNG)) not in (PNG, b"")
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise RunError(f"{path}: {error.strerror}; choose another file for the picture") from None
+    if other:
+        raise RunError(f"{path} exists and is no PNG picture; choose another file for the picture")
+
+
 def unique(path: Path, suffix: str = "") -> Path:
     """A hidden name beside `path` that no other process takes, on whatever machine."""
     return path.with_name(f".{path.name}.{os.urandom(4).hex()}{suffix}")
