@@ -160,7 +160,7 @@ def _syntax_error(error: yaml.MarkedYAMLError, text: str, places: Places) -> Cas
             "outline points are plain numbers, and outline.unit says their unit"
         )
     elif "'\\t'" in message:
-        message = "a tab; YAML indents with spaces only"
+        message = "not YAML: a tab; it indents with spaces only"
     return CaseError(message, place=places.at(line))
 
 
