@@ -148,8 +148,8 @@ class ExtraSums:
         found: dict[str, Any] = {}
         if "stress" in self.wanted:
             found["forces"] = asdict(supported(segments, self._bins, GRAVITY))
-        if "mixing" in self.wanted:
-            found["mixing_index"] = whole_mixing(segments)
+        if "mixing" in self.wanted and np.isfinite(index := whole_mixing(segments)):
+            found["mixing_index"] = index
         return found
 
 

@@ -112,3 +112,12 @@ def test_only_fine_particles_need_a_limit_for_small_regions(tiny: Path) -> None:
     regions = re.findall(r"^region +(?:feed|fill\d+) .*$", text, re.MULTILINE)
     assert regions
     assert all("volume_limit" in region for region in regions)
+
+
+@pytest.mark.parametrize(
+    ("fields", "pairs", "walls"),
+    [("[]", 0, 0), ("[coordination, strain_rate]", 0, 0), ("[wall_pressure]", 0, 1), ("[stress]", 1, 1)],
+)
+def test_contacts_are_dumped_only_where_forces_are_asked_for(tiny: Path, fields: str, pairs: int, walls: int) -> None:
+    text = render(deck_of(load_case(tiny, {"homogenize.fields": fields})), "produce.in")
+    assert (text.count("pair/gran/local"), text.count("wall/gran/local")) == (pairs, walls)

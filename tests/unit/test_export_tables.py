@@ -111,6 +111,18 @@ def test_the_key_of_the_sums_follows_what_is_collected():
     assert ExtraSums.of(other).key["extra"] == ["wall_slip"]
 
 
+@pytest.mark.parametrize("name", ["stress", "granular_temperature", "coordination"])
+def test_a_fluid_knows_nothing_of_single_particles(name):
+    plan = make_plan(load_case(ROOT / "cases" / "hopper.yaml", {"homogenize.fields": f"[{name}, strain_rate, age]"}))
+    assert name in {stage.name for stage in plan.left_out}
+    assert "field.npz, strain_rate, age, comsol" in plan.stages[-1].reason
+
+
+def test_mixing_of_one_size_is_refused_before_the_run():
+    with pytest.raises(CaseError, match="one size alone"):
+        make_plan(load_case(ROOT / "cases" / "smoke.yaml", {"homogenize.fields": "[mixing]"}))
+
+
 def test_residence_times_need_a_stream_function():
     with pytest.raises(CaseError, match="residence_time follows the stream function"):
         load_case(

@@ -61,14 +61,53 @@ def test_with_a_case_the_field_conserves_by_its_method(dumps: tuple[Path, ...], 
 
 
 def test_with_a_case_its_other_fields_come_along(dumps: tuple[Path, ...]) -> None:
-    fields = ("size_classes", "wall_slip", "residence_time")
-    case = vessel("psi")
-    case = case.model_copy(update={"homogenize": case.homogenize.model_copy(update={"fields": fields})})
-    extra = homogenize_files(request(dumps), case).field.extra
+    extra = homogenize_files(request(dumps), asking("size_classes", "wall_slip", "residence_time")).field.extra
     assert {"class_packing", "wall_slip", "residence_time"} <= set(extra)
-    forces = case.homogenize.model_copy(update={"fields": ("wall_pressure",)})
-    with pytest.raises(DataError, match="hold no forces"):
-        homogenize_files(request(dumps), case.model_copy(update={"homogenize": forces}))
+
+
+def asking(*fields: str) -> Case:
+    """The case of the known flow, which asks for more."""
+    case = vessel("psi")
+    return case.model_copy(update={"homogenize": case.homogenize.model_copy(update={"fields": fields})})
+
+
+def test_dumps_tell_what_moves_and_touches(dumps: tuple[Path, ...]) -> None:
+    """Particles on streamlines have no temperature of their own; their gradients are those of the flow."""
+    made = homogenize_files(
+        request(dumps), asking("granular_temperature", "coordination", "mixing", "strain_rate", "age")
+    )
+    extra = made.field.extra
+    speed = FLOW.solids_flow / FLOW.packing / (np.pi * FLOW.wall(np.array([0.0]))[0][0] ** 2)
+    assert np.sqrt(np.nanmedian(extra["granular_temperature"])) < 0.05 * speed
+    assert np.nanmax(extra["coordination"]) > 0
+    assert "mixing_index" not in made.figures  # the particles of these dumps are of one size, not those of the case
+    assert np.isnan(extra["mixing_index"]).all()
+    z = np.array([FLOW.height / 2 - 0.05, FLOW.height / 2 + 0.05])
+    stretch = np.diff(FLOW.particle_velocity(np.full(2, 1e-6), z)[1])[0] / 0.1
+    rows = np.abs(made.field.grid.z_centres - FLOW.height / 2) < 0.1
+    assert np.nanmean(extra["strain_zz"][rows, :5]) == pytest.approx(stretch, rel=0.35)
+    assert np.nanmedian(extra["age"]) > 0
+    assert "age_se" not in extra
+
+
+@pytest.mark.parametrize("name", ["wall_pressure", "stress"])
+def test_forces_that_dumps_do_not_hold_are_refused(dumps: tuple[Path, ...], name: str) -> None:
+    with pytest.raises(DataError, match=f"hold no forces.*take {name} out of homogenize.fields, or let granpipe run"):
+        homogenize_files(request(dumps), asking(name))
+
+
+def test_a_temperature_without_velocities_is_refused(tmp_path: Path) -> None:
+    without = written(tmp_path, tuple(name for name in COLUMNS if name[0] != "v"))
+    with pytest.raises(DataError, match=r"hold no velocities.*dump vx vy vz"):
+        homogenize_files(text_request(without), asking("granular_temperature"))
+
+
+def test_mixing_of_one_size_is_refused(dumps: tuple[Path, ...]) -> None:
+    case = asking("mixing")
+    single = load_case(Path(__file__).parents[2] / "cases" / "smoke.yaml").material.size
+    case = case.model_copy(update={"material": case.material.model_copy(update={"size": single})})
+    with pytest.raises(DataError, match="one size alone"):
+        homogenize_files(request(dumps), case)
 
 
 def test_times_without_a_snapshot_are_named(dumps: tuple[Path, ...]) -> None:
