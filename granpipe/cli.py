@@ -369,11 +369,13 @@ def scale(result: Path, flow: str, out: Path) -> None:
 
 @main.command()
 @click.argument("result", type=_PATH)
-@click.option("--what", default="overview", show_default=True,
+@click.option("--what", default="overview", show_default=True, metavar="NAME",
               type=click.Choice(["overview", "packing", "u", "w", "speed", "streamlines", "error",
                                  "pressure", "shear_rate", "granular_temperature", "coordination", "mixing_index",
                                  "age"]),
-              help="What to draw on the half section of the vessel.")  # fmt: skip
+              help="What to draw on the half section of the vessel: overview, packing, u, w, speed, streamlines, "
+                   "error; or of homogenize.fields pressure, shear_rate, granular_temperature, coordination, "
+                   "mixing_index, age.")  # fmt: skip
 @click.option("--profile", type=_Level(), metavar="z=HEIGHT",
               help="Draw the profile across a level instead, such as z=4.4 or z=440cm.")  # fmt: skip
 @click.option("--out", type=_Picture(), help="PNG file to write; default: named after RESULT, in the current folder.")
