@@ -388,7 +388,7 @@ class Field:
     flow_scale : s_Φ = target flow / bulk_flow
     packing_fraction : (nz, nr) solids fraction φ of the part of each cell inside the outline; a fluid knows none
     raw_flux_r, raw_flux_z : the plain average, before any adjustment [m/s]
-    *_se : standard error of the like-named array [m/s]
+    *_se : standard error of the like-named array [m/s]; nan where it is not known: where a hybrid's fluid is alone
     psi : (nz+1, nr+1) Stokes stream function of the final field [m³/s per radian], −φ_ref Φ/2π on the outer wall
     flux_y : (nz, ny+1, nx) the final field of a grid in space [m/s]
     extra : what the case asks for beside, by name (`homogenize.fields`)
@@ -475,7 +475,8 @@ class Field:
             kind = np.dtype(bool if name == "bulk" else float)
             if not isinstance(array, np.ndarray) or array.dtype != kind or array.shape != shape:
                 raise ValueError(f"{name} is not an array {shape} of {kind}")
-            if not ((array >= low) & (array <= high)).all():
+            unknown = np.isnan(array) if name in ("flux_r_se", "flux_z_se") else False
+            if not (unknown | ((array >= low) & (array <= high))).all():
                 raise ValueError(f"{name} is not between {low:g} and {high:g} everywhere")
         for name, low in (("bulk_flow", -MOST), ("bulk_packing", LEAST_PACKING), ("flow_scale", 1 / MOST)):
             value, high = getattr(self, name), 1.0 if name == "bulk_packing" else MOST

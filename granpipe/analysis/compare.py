@@ -117,4 +117,5 @@ def error_squares(field: Field) -> Array:
     """(nz, nr) squared standard error of the bulk velocity; neighbouring faces share their particles, so no less."""
     if field.flux_r_se is None or field.flux_z_se is None:
         return np.zeros(field.grid.shape)
-    return cell_squares(field.flux_r_se * field.velocity_scale, field.flux_z_se * field.velocity_scale)
+    squares = cell_squares(field.flux_r_se * field.velocity_scale, field.flux_z_se * field.velocity_scale)
+    return np.nan_to_num(squares, nan=0.0)

@@ -96,11 +96,15 @@ class Flow:
 
         Raises
         ------
-        DataError : the field has none: it is a fluid's, or was averaged from fewer than 7 segments
+        DataError
+            the field has none throughout: it is a fluid's, a hybrid's, or was averaged from fewer than 7 segments
         """
         errors = self._nodal_errors
         if errors is None:
-            raise DataError("this field has no standard errors: it is a fluid's, or too few segments were averaged")
+            raise DataError(
+                "this field does not have standard errors throughout: "
+                "it is a fluid's or a hybrid's, or too few segments were averaged"
+            )
         u, w = self._bilinear(r, z, errors.bulk_u, errors.bulk_w)
         return u, w
 
@@ -396,6 +400,6 @@ def _described(field: Field, where: str, flow_rate: float) -> str:
     known = ["velocity"]
     known += ["packing"] if field.packing_fraction is not None else []
     known += ["psi"] if field.psi is not None else []
-    known += ["standard errors"] if field.flux_z_se is not None else []
+    known += ["standard errors"] if field.flux_z_se is not None and not np.isnan(field.flux_z_se).any() else []
     cells = " × ".join(map(str, field.grid.shape))
     return f"<Flow in {where}: {', '.join(known)} on {cells} cells of {field.grid.cell:.3g} m, {flow_rate:.4g} m³/s>"

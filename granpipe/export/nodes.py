@@ -76,11 +76,13 @@ def nodal_values(field: Field) -> Nodes:
 
 
 def nodal_errors(field: Field) -> Nodes | None:
-    """Standard errors of the bulk velocities on the nodes, in the place of the velocities; None where none are known.
+    """Standard errors of the bulk velocities on the nodes, in the place of the velocities; None unless all are known.
 
     They are interpolated as the velocities are, which takes neighbouring faces to err together: at most too large.
     """
     if field.flux_r_se is None or field.flux_z_se is None:
+        return None
+    if np.isnan(field.flux_r_se).any() or np.isnan(field.flux_z_se).any():
         return None
     return nodal_values(replace(field, flux_r=field.flux_r_se, flux_z=field.flux_z_se, packing_fraction=None, psi=None))
 

@@ -62,7 +62,7 @@ def rz_figures(
     figures = {"rz_field.png": overview(field, wall, obstacles, sections, title)}
     if field.bulk_flow:  # a bed at rest has no flow to compare with
         figures["rz_flow.png"] = _flow_figure(field, wall, obstacles, sections, title)
-    names = [*_known_panels(field), *(["error"] if field.flux_z_se is not None else [])]
+    names = [*_known_panels(field), *(["error"] if nodal_errors(field) is not None else [])]
     names += [name for name in _REQUESTED if name in field.extra]
     figures |= {f"rz_{one}.png": panel_figure(field, one, wall, obstacles, sections) for one in names}
     with own_style(STYLE):
@@ -345,7 +345,10 @@ def _draw_error(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     """Standard error of the bulk velocity, √(σ_u² + σ_w²)."""
     spread = nodal_errors(field)
     if spread is None:
-        raise DataError("this field has no standard errors: it is a fluid's, or too few segments were averaged")
+        raise DataError(
+            "this field does not have standard errors throughout: "
+            "it is a fluid's or a hybrid's, or too few segments were averaged"
+        )
     error = np.hypot(spread.bulk_u, spread.bulk_w)
     unit, factor = readable_unit(_robust(error[nodes.solids]))
     top = _robust(error[nodes.solids]) * factor or 1.0

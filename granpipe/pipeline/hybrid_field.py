@@ -126,14 +126,18 @@ def _bulk(field: Field, followed: Followed) -> Mask:
 
 
 def _errors(field: Field, followed: Followed) -> tuple[Array | None, Array | None]:
-    """Standard errors of the flux where the fluid follows a DEM that has them; the fluid of its own has no noise."""
-    error_r, error_z = np.zeros_like(field.flux_r), np.zeros_like(field.flux_z)
+    """Standard errors of the flux where the fluid follows a DEM that has them, nan where it is alone.
+
+    A fluid has no noise, but that does not make it right: how far off it is there is not known.
+    """
+    error_r, error_z = np.full_like(field.flux_r, np.nan), np.full_like(field.flux_z, np.nan)
     for _, made in followed:
         part = made.field
         if part.flux_r_se is None or part.flux_z_se is None:
             return None, None
         rows = _rows(part.grid, field.grid.z_edges)
         scale = part.velocity_scale / field.velocity_scale
+        error_r[rows.start : rows.stop - 1], error_z[rows] = 0.0, 0.0  # beside the part nothing flows
         error_r[rows.start : rows.stop - 1, : part.flux_r_se.shape[1]] = part.flux_r_se * scale
         error_z[rows, : part.flux_z_se.shape[1]] = part.flux_z_se * scale
     return error_r, error_z

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import hashlib
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from io import BufferedReader
@@ -102,8 +103,14 @@ def flush_tree(folder: Path) -> None:
 
 def remove_leftovers(path: Path) -> None:
     """Remove the hidden folders that killed processes have left beside `path`; for the process that holds its lock."""
-    for left in path.parent.glob(f".{path.name}.*.part"):
+    for left in leftovers(path):
         shutil.rmtree(left, ignore_errors=True)
+
+
+def leftovers(path: Path) -> list[Path]:
+    """Hidden folders beside `path` with a name that `unique` gives to what is still being written."""
+    name = re.compile(rf"\.{re.escape(path.name)}\.[0-9a-f]{{8}}\.part")
+    return [one for one in path.parent.glob(".*.part") if name.fullmatch(one.name)]
 
 
 def check_space(folder: Path, needed: int = 0) -> None:

@@ -18,6 +18,7 @@ from granpipe.system.files import (
     explained,
     flush,
     flush_tree,
+    leftovers,
     remove_leftovers,
     replace_whole,
     unique,
@@ -137,7 +138,7 @@ def _written(target: Path) -> defaultdict[str, set[str]]:
 
 
 def _journals(target: Path) -> list[Path]:
-    return list(target.glob(".granpipe.*.part"))
+    return leftovers(target / "granpipe")
 
 
 def _put(source: Path, target: Path, name: str, written: set[str], note: Callable[[str], None]) -> None:

@@ -22,18 +22,23 @@ LEAST_ADDRESS_SPACE = 800_000 * 1024
 
 
 class Lossy:
-    """A text stream that goes on where nobody reads it any more: a run must not end for a line that is lost."""
+    """A text stream that goes on where nobody reads it any more: a run must not end for a line that is lost.
 
-    def __init__(self, stream: IO[str]) -> None:
-        self._stream = stream
+    Parameters
+    ----------
+    lost : errors at which it goes on
+    """
+
+    def __init__(self, stream: IO[str], lost: type[OSError] = BrokenPipeError) -> None:
+        self._stream, self._lost = stream, lost
 
     def write(self, text: str) -> int:
-        with contextlib.suppress(BrokenPipeError):
+        with contextlib.suppress(self._lost):
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        with contextlib.suppress(BrokenPipeError):
+        with contextlib.suppress(self._lost):
             self._stream.flush()
 
     def __getattr__(self, name: str) -> Any:
@@ -51,9 +56,12 @@ def prepare() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
-    for name in ("stdout", "stderr"):
+    for name, lost in (
+        ("stdout", BrokenPipeError),
+        ("stderr", OSError),
+    ):  # what goes to a full disk is missed, or a log
         stream = getattr(sys, name)
-        setattr(sys, name, Lossy(stream) if stream is not None else Path(os.devnull).open("w"))  # noqa: SIM115
+        setattr(sys, name, Lossy(stream, lost) if stream is not None else Path(os.devnull).open("w"))  # noqa: SIM115
     os.environ["MPLBACKEND"] = "agg"
     if not can_be_written(cache_folder()) and not all(name in os.environ for name in _CACHES):
         folder = tempfile.mkdtemp(prefix="granpipe-")

@@ -36,9 +36,10 @@ def assert_done(folder: Path) -> None:
         ("echo 'text.usetex: True' > matplotlibrc; \"$@\"", {}),
         ('"$@" 2>&-', {}),
         ('"$@" >&- 2>&- <&-', {}),
+        ('"$@" 2> /dev/full', {}),
         ('{ "$@"; echo $? > status; } 2>&1 | true; exit $(cat status)', {}),
     ],
-    ids=["Jupyter", "no such back end", "usetex", "stderr closed", "all streams closed", "reader gone"],
+    ids=["Jupyter", "no such back end", "usetex", "stderr closed", "all streams closed", "log full", "reader gone"],
 )
 def test_a_run_is_done(tmp_path: Path, command: str, environment: dict[str, str]) -> None:
     done = in_shell(command, tmp_path, **environment)

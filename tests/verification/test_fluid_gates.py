@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from granpipe.analysis.compare import compare
 from granpipe.case.reader import read_case
 from granpipe.errors import CaseError, DataError
+from granpipe.export.nodes import nodal_errors
 from granpipe.field import Field, flux_from_psi
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid.wall_speed import WallLaw
@@ -21,6 +23,7 @@ from granpipe.pipeline.hybrid_field import hybrid_field
 from granpipe.pipeline.known_field import known_results
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.submodel import Span
 from granpipe.progress import Silent
 from granpipe.system.manifest import write_manifest
 from granpipe.system.store import Store
@@ -275,6 +278,29 @@ def test_a_fast_core_that_the_fluid_beyond_the_seam_cannot_have_is_marked(tmp_pa
     (gate,) = (gate for gate in hybrid(tmp_path, core).gates if "upper seam of chamber" in gate.name)
     assert not gate.passed
     assert gate.value == pytest.approx(np.sqrt(1 - (2 * core - 1) / core**2), abs=0.06)
+
+
+def test_where_the_fluid_is_alone_its_error_is_not_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was 0, as if the fluid were right there."""
+
+    def with_errors(plan: Plan) -> list[tuple[Span, ModelResult]]:
+        ((span, made),) = known_results(plan)
+        errors = {"flux_r_se": np.zeros_like(made.field.flux_r), "flux_z_se": np.full_like(made.field.flux_z, 1e-3)}
+        return [(span, replace(made, field=replace(made.field, **errors)))]
+
+    monkeypatch.setattr("granpipe.pipeline.hybrid_field.known_results", with_errors)
+    field = hybrid(tmp_path, core=1.0).field
+    assert field.flux_z_se is not None
+    z = field.grid.z_edges
+    assert np.isnan(field.flux_z_se[z > 3.5]).all()
+    assert np.isfinite(field.flux_z_se[z < 1.99]).all()
+    share = field.flux_z_se[z < 0.5, 0] / -field.flux_z[z < 0.5, 0]
+    assert share == pytest.approx(1e-3 / (0.6 / np.pi), rel=0.1)  # a plug of 1 m³/s of bulk in a radius of 1 m
+    field.save(tmp_path / "hybrid.npz")
+    assert nodal_errors(Field.load(tmp_path / "hybrid.npz")) is None
+    (whole,) = compare(field, replace(field, flux_z=1.1 * field.flux_z, flux_r=1.1 * field.flux_r), {}, 0.08)
+    assert whole.observed == pytest.approx(0.1)
+    assert 0 < whole.noise < 0.1
 
 
 def test_a_force_that_is_too_weak_is_marked(tmp_path: Path) -> None:
