@@ -166,10 +166,7 @@ def files() -> Iterator[Attack]:
         "a pickle": pickle.dumps({"flux_z": [1.0]}),
         "gzipped": Lazy(lambda: gzip.compress(stored())),
         "a name twice": Lazy(twice),
-        **{
-            f"flipped at {share}": Lazy(lambda share=share: flipped(share))
-            for share in (0.1, 0.4, 0.7, 0.97, 0.999)
-        },
+        **{f"flipped at {share}": Lazy(lambda share=share: flipped(share)) for share in (0.1, 0.4, 0.7, 0.97, 0.999)},
     }
     huge = on_result(*SCALE, change=lambda results: with_field(bomb())(results), sealed=True)
     yield Attack("files", "2.1 GB of zeros, scale", huge, refused("more than it can hold"))
