@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,8 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
+from granpipe.homogenize.average import Sums, merge
+from granpipe.homogenize.psi_field import BLOCKS
+from granpipe.homogenize.statistics import blocks, flux_errors
 from validation.case import Case, Data, Verdict
-from validation.simulate import rounded, run_scene
+from validation.simulate import production_of, rounded, run_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,6 +22,7 @@ if TYPE_CHECKING:
 HERE = Path(__file__).resolve().parent
 SEEDS = range(1, 7)
 NAMES = ("raw_flux_r", "raw_flux_z", "flux_r", "flux_z")
+START = 2.0  # s, of the average
 FLOWING = 0.05  # of the RMS vertical flux
 RATIO, COVERAGE = (0.9, 1.1), (0.93, 0.97)
 
@@ -29,9 +34,36 @@ def filling(folder: Path, seed: int) -> Data:
     text = text.replace("dem: {max_time: 8 s}", f"dem: {{max_time: 12 s, seed: {seed}, ranks: 1}}")
     field, figures = run_scene(f"seed{seed}", text + "\nexport: []\nfigures: []\n", folder)
     found = {"effective": figures["effective_blocks"], "speed": float(np.sqrt(np.mean(field.raw_flux_z**2)))}
+    plan, production = production_of(f"seed{seed}", folder)
+    steady = [sums for sums in production.sums() if sums.start >= START]
+    found["halves"] = halves(steady, plan.dem.classes.sauter_diameter)
     for name in NAMES:
         found[name] = rounded(getattr(field, name), 4)
         found[f"{name}_se"] = rounded(getattr(field, f"{name}_se"), 3)
+    return found
+
+
+def halves(segments: Sequence[Sums], diameter: float) -> Data:
+    """Both halves of one run, whose filling they share: RMS difference over the claimed one, and intervals that hold.
+
+    Of the plain average; intervals of 95 % of the difference, with both halves' independent samples together.
+    """
+    parts = [segments[: len(segments) // 2], segments[len(segments) // 2 :]]
+    told = []
+    for part in parts:
+        joined = blocks(part, min(len(part), BLOCKS))
+        run = np.zeros(len(joined), dtype=int)
+        told.append(flux_errors([block.mean_flux for block in joined], run, part[0].grid, diameter))
+    means = [merge(part).mean_flux for part in parts]
+    speed = np.sqrt(np.mean(means[0][1] ** 2))
+    quantile = stats.t.ppf(0.975, max(told[0][1] + told[1][1] - 2, 1.0))
+    found = {}
+    for axis, name in enumerate(("r", "z")):
+        flowing = np.abs(0.5 * (means[0][axis] + means[1][axis])) > FLOWING * speed
+        apart = np.abs(means[0][axis] - means[1][axis])[flowing]
+        claimed = np.hypot(told[0][0][axis], told[1][0][axis])[flowing]
+        ratio = np.sqrt((apart**2).sum() / (claimed**2).sum())
+        found[name] = rounded([ratio, (apart <= quantile * claimed).mean()], 4)
     return found
 
 
@@ -61,6 +93,12 @@ def judge(data: Data) -> list[Verdict]:
         verdicts.append(
             Verdict(f"95 % intervals, {label}", "93 to 97 %", f"{100 * held:.1f} %", COVERAGE[0] <= held <= COVERAGE[1])
         )
+    kept = [one["halves"] for one in data.values() if "halves" in one]
+    for name, label in (("r", "radial"), ("z", "vertical")) if kept else ():
+        ratio, held = np.sqrt(np.mean([one[name][0] ** 2 for one in kept])), np.mean([one[name][1] for one in kept])
+        text = f"{100 * held:.1f} %; scatter over claimed {ratio:.2f}"
+        passed = COVERAGE[0] <= held <= COVERAGE[1]
+        verdicts.append(Verdict(f"95 % intervals between halves of a run, {label}", "93 to 97 %", text, passed))
     return verdicts
 
 
