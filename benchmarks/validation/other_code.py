@@ -110,7 +110,7 @@ def lammps(folder: Path) -> Data:
 def apart(folder: Path, plan: Plan, name: str) -> Data:
     """A field against that of the first run of LIGGGHTS, section by section, and its profile in the hopper."""
     one, other = (Field.load(folder / f"field-{label}" / "field.npz") for label in ("hopper1", name))
-    found = compare(one, other, plan.outline.levels, plan.dem.classes.sauter_diameter)
+    found = compare(one, other, plan.case.outline.levels, plan.dem.classes.sauter_diameter)
     row = int(np.abs(one.grid.z_centres - 0.5 * (HOPPER + DIAMETER)).argmin())
     return {
         "apart": {d.name: rounded([d.observed, d.noise, d.noise_free, d.upper], 4) for d in found},

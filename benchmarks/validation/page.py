@@ -46,10 +46,23 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
             numbers = " | ".join(str(count or "") for count in counts)
             yield f"| [{case.title}](#{anchor}) | {numbers} | {max(one['made'] for one in kept.values())} | {minutes} |"
     yield ""
+    if waiting := list(unrun(data)):
+        yield f"Programmed and not run to the end yet: {'; '.join(waiting)}."
+        yield ""
+    yield "Not compared: the silo of Dosta et al. (2024), the pebble-bed funnel of Rycroft et al. (2006), Janssen's column."
+    yield ""
     yield "Minutes are those of the runs behind the table, of one core that did other work as well."
     for case in CASES:
         if case.name in judged:
             yield from section(case, judged[case.name])
+
+
+def unrun(data: Path) -> Iterator[str]:
+    """Cases of which pieces are missing, with how many."""
+    for case in CASES:
+        missing = len(case.pieces) - len(results_of(case, data)[1])
+        if case.pieces and missing:
+            yield f"{case.title[0].lower()}{case.title[1:]} ({missing} of {len(case.pieces)} runs)"
 
 
 def minutes_of(kept: Mapping[str, Any]) -> str:
