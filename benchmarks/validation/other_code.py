@@ -222,7 +222,7 @@ def run_lammps(work: Path) -> float:
 
 
 def version(work: Path) -> str:
-    return (work / "log.lammps").read_text().splitlines()[0].strip("() ")
+    return (work / "log.lammps").read_text().splitlines()[0].strip()
 
 
 def homogenize(dumps: list[Path], plan: Plan, folder: Path, name: str) -> None:
