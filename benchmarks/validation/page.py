@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from inspect import cleandoc
 from pathlib import Path
@@ -42,7 +43,7 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
             verdicts, kept = judged[case.name], results_of(case, data)[1]
             counts = (sum(v.passed is passed for v in verdicts) for passed in (True, False, None))
             minutes = minutes_of(kept) if case.pieces else "as above"
-            anchor = case.title.lower().replace(" ", "-").replace(",", "")
+            anchor = re.sub(r"[^a-z0-9 -]", "", case.title.lower()).replace(" ", "-")
             numbers = " | ".join(str(count or "") for count in counts)
             yield f"| [{case.title}](#{anchor}) | {numbers} | {max(one['made'] for one in kept.values())} | {minutes} |"
     yield ""
