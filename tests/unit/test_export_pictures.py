@@ -78,7 +78,7 @@ def test_velocities_are_those_of_the_process() -> None:
 def test_a_field_without_errors_has_no_map_of_them() -> None:
     from matplotlib.figure import Figure
 
-    with pytest.raises(DataError, match="no standard errors"):
+    with pytest.raises(DataError, match="not have standard errors"):
         draw_panel(Figure().add_subplot(), field_of(pipe(), 0.1), "error", pipe().wall, {})
 
 

@@ -76,7 +76,7 @@ def test_a_profile_that_is_no_level_is_refused(text: str, result: Path) -> None:
     ("arguments", "words"),
     [
         (("silo", "--profile", "z=7"), "choose a level from 0 to 1 m"),
-        (("silo", "--what", "error"), "no standard errors"),
+        (("silo", "--what", "error"), "not have standard errors"),
         (("nothing",), "field.npz: file not found"),
     ],
 )

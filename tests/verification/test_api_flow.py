@@ -135,7 +135,7 @@ def test_what_a_field_does_not_know_is_refused_and_left_out_of_tables() -> None:
     flow = Flow(field_of(pipe(), 0.1, with_packing=False))
     with pytest.raises(DataError, match="no packing"):
         flow.packing(0.1, 0.1)
-    with pytest.raises(DataError, match="no standard errors"):
+    with pytest.raises(DataError, match="not have standard errors"):
         flow.velocity_error(0.1, 0.1)
     profile = flow.profile(z=0.5)
     assert profile.packing is None
