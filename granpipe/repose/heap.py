@@ -25,7 +25,7 @@ from granpipe.dem.run import Liggghts, Limits, Status
 from granpipe.dem.settings import PACKING, SKIN
 from granpipe.dem.sizes import SizeClasses, size_classes
 from granpipe.dem.snapshot import Snapshot
-from granpipe.errors import DataError
+from granpipe.errors import CaseError, DataError
 from granpipe.field import Array
 
 LENGTH, WIDTH, LEDGE = 14.0, 5.0, 2.5
@@ -48,6 +48,9 @@ REST_ENERGY = 1e-3
 
 LOOSE = 0.28
 """Packing of the spheres at random places from which the bed falls together."""
+
+MOST_PARTICLES = 10_000
+"""Of a heap. Sizes of one to three take some 1 500, one to ten some 3 500; far wider ones would take days."""
 
 END = 2.0
 """Left out of the slope at either end: the crest is round, and the foot rests on the gate."""
@@ -119,6 +122,10 @@ def make_heap(case: Case, pair: Pair, seed: int) -> Heap:
     Parameters
     ----------
     seed : of sizes and places
+
+    Raises
+    ------
+    CaseError : the sizes are so different that a heap would hold too many particles
     """
     classes = size_classes(case.material.size)
     classes = classes.enlarged(1 / classes.sauter_diameter)
@@ -266,6 +273,11 @@ def _loose_bed(classes: SizeClasses, seed: int) -> tuple[Array, Array]:
     random = np.random.default_rng(seed)
     high, low = _loose_height(0.0), _loose_height(LENGTH)
     number = round(LOOSE * 0.5 * LENGTH * (high + low) * WIDTH / classes.mean_volume)
+    if number > MOST_PARTICLES:
+        raise CaseError(
+            f"a heap of these sizes holds {number:.3g} particles, {MOST_PARTICLES} at the most; leave out the finest",
+            ("material", "size"),
+        )
     radius = np.sort(random.choice(classes.radius, number, p=classes.number_share))[::-1]
     place = np.empty((number, 3))
     for i, r in enumerate(radius):

@@ -123,6 +123,12 @@ def test_the_same_sizes_in_another_unit_give_the_same_heap() -> None:
     assert one.bed == other.bed
 
 
+def test_sizes_that_would_take_too_many_particles_are_refused() -> None:
+    wide = case(material__size="{diameter: {sieve: {edges: [1 um, 2 um, 20 mm], fractions: [1 %, 99 %]}}, by: mass}")
+    with pytest.raises(CaseError, match=r"material.size: a heap of these sizes holds \S+ particles"):
+        make_heap(wide, Pair(0.5, 0.1), 1)
+
+
 def test_the_deck_fills_with_high_friction_and_goes_on_with_that_of_the_pair() -> None:
     deck = make_heap(case(contact__restitution="0.6"), Pair(0.37, 0.07), 1).deck
     rubs = [line.split()[6:] for line in deck.splitlines() if "coefficientFriction" in line]
