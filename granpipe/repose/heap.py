@@ -50,7 +50,7 @@ LOOSE = 0.28
 """Packing of the spheres at random places from which the bed falls together."""
 
 MOST_PARTICLES = 10_000
-"""Of a heap. Sizes of one to three take some 1 500, one to ten some 3 500; far wider ones would take days."""
+"""Of a heap. Sizes of one to five take some 1 400, of one to twenty some 3 600; far wider ones would take days."""
 
 END = 2.0
 """Left out of the slope at either end: the crest is round, and the foot rests on the gate."""
