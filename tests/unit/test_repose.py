@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,7 +44,9 @@ GRID = [Pair(friction, rolling) for friction in FRICTIONS for rolling in ROLLING
 
 
 def case(**overrides: str) -> Case:
-    return resolve(dict(CASE), Places("x"), {key.replace("__", "."): value for key, value in overrides.items()}).case
+    return resolve(
+        deepcopy(CASE), Places("x"), {key.replace("__", "."): value for key, value in overrides.items()}
+    ).case
 
 
 def truth(pair: Pair) -> float:
@@ -228,7 +231,7 @@ def test_a_heap_that_still_flows_marks_the_result() -> None:
 def test_text_yaml_table_and_picture_tell_the_recommended_pair(tmp_path: Path) -> None:
     found = found_for(math.radians(32))
     assert f"rolling_friction {found.best.pair.rolling:.3f}" in found_text(found)
-    again = resolve(CASE | {"contact": {}}, Places("x"), {"contact": found_yaml(found).split("deg\n")[1]})
+    again = resolve(deepcopy(CASE) | {"contact": {}}, Places("x"), {"contact": found_yaml(found).split("deg\n")[1]})
     assert again.case.contact.friction == found.best.pair.friction
     assert again.case.contact.rolling_friction == pytest.approx(found.best.pair.rolling, abs=5e-4)
     assert len(found_data(found)["heaps"]) == len(GRID) + NEAR
