@@ -59,8 +59,12 @@ def test_angles_of_shear_tests_take_the_place_of_the_law() -> None:
     assert (found.internal, found.wall, found.repose) == pytest.approx((math.sin(0.5), math.tan(0.3), 0.6))
 
 
-def test_a_flat_bottomed_silo_may_be_a_frictional_fluid_and_no_viscous_one() -> None:
-    assert make_plan(case()).friction is not None
+def test_a_flat_bottomed_silo_marks_a_frictional_fluid_and_is_no_viscous_one() -> None:
+    plan = make_plan(case())
+    assert plan.friction is not None
+    assert any("solids rest on the ledge at z = 0.1 m" in breach and "too wide" in breach for breach in plan.breaches)
+    hopper = {"wall": [[0.1, 0.4], [0.1, 0.2], [0.04, 0.1], [0.04, 0.0]]}
+    assert make_plan(case(outline=hopper)).breaches == ()
     with pytest.raises(CaseError, match="cannot be a fluid"):
         make_plan(case(fluid={"rheology": "viscous"}))
 

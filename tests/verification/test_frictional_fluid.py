@@ -6,6 +6,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid, solve_ivp
+from scipy.optimize import brentq
 from scipy.special import i0, i1
 
 from granpipe.errors import SolveError
@@ -177,3 +179,82 @@ def test_the_part_of_a_mesh_between_two_heights_keeps_its_points_and_walls_and_h
     flow = part.ends()[part.named("outlet")]
     assert flow[..., 1] == pytest.approx(0.0, abs=0.1)
     assert {"inlet", "outlet", "axis"} < set(part.names.tolist())
+
+
+def sliding_pipe(internal: float, wall: float, length: float) -> tuple[Array, Array]:
+    """Radii, and the speed over its mean of solids that slide down a long pipe of radius 1.
+
+    Where the walls carry the weight, τ = μ_w p r: the rate of shear is (μ_w/μ_i) r γ̃, γ̃ − ℓ² ∇²γ̃ equals it, and the
+    wall feeds the sliding in, ℓ² γ̃′ = u_slip.
+    """
+    r = np.linspace(1e-6, 1, 2001)
+    part = wall / internal
+
+    def slope(x: float, y: Array) -> list[float]:
+        return [y[1], (1 - part * x) * y[0] / length**2 - y[1] / x]
+
+    spread, grown = solve_ivp(slope, (r[0], 1.0), [1.0, 0.0], t_eval=r, rtol=1e-9, atol=1e-12).y
+    sheared = cumulative_trapezoid(part * r * spread, r, initial=0)
+    speed = length**2 * grown[-1] + sheared[-1] - sheared
+    return r, speed / (2 * cumulative_trapezoid(speed * r, r)[-1])
+
+
+def test_solids_that_slide_down_a_long_pipe_have_the_profile_of_the_ordinary_differential_equation() -> None:
+    law = FrictionLaw(0.5, 0.3, 0.2, regularization=1e-3)
+    r, speed = sliding_pipe(law.internal, law.wall, law.length)
+    errors = []
+    for cells in (6.0, 12.0):
+        _, found = solve_frictional(pipe(12.0, cells), law, 1.0, Outlet())
+        space = found.stokes.space
+        at = np.abs(space.points[:, 1] - 4.0) < 0.5
+        mine, exact = -np.pi * found.stokes.w[at], np.interp(space.points[at, 0], r, speed)
+        errors.append(float(np.abs(mine - exact).max()))
+    assert speed[0] > 1.05  # not a plug
+    assert errors[1] < 0.02
+    assert errors[1] < 0.7 * errors[0]
+
+
+def radial_cone(internal: float, wall: float, half_angle: float) -> tuple[Array, Array]:
+    """Angles from the axis, and ψ over the flow, of Jenike's radial field in a cone, for a stress along the shear.
+
+    p = r q(θ), u_r = −f(θ)/r²: with s = 2 μ p D/γ̇ and c = s_rθ/p both balances of force are ordinary differential
+    equations of q and c, from c = 0 on the axis to c = μ_w at the wall.
+    """
+    root = np.sqrt(12.0)
+    angles = np.linspace(1e-4, half_angle, 400)
+
+    def slope(angle: float, y: Array) -> Array:
+        q, c, _ = y
+        rest = np.sqrt(max(1 - (c / internal) ** 2, 1e-9))
+        along = 4 * internal * rest / root
+        across, bend = -0.5 * along, 2 * c / (internal * root * rest)
+        right = [np.cos(angle) - q * c / np.tan(angle) - q * (4 * along - 1), -4 * q * c - np.sin(angle)]
+        dc, dq = np.linalg.solve([[q, c], [q * bend, across - 1]], right)
+        return np.array([dq, dc, -root * c / internal / rest])
+
+    def solution(q: float) -> Array:
+        first = (1 - q * (16 * internal / root - 1)) / (2 * q)
+        start = [q, 1e-4 * first, 0.0]
+        return np.asarray(solve_ivp(slope, (1e-4, half_angle), start, t_eval=angles, rtol=1e-8, atol=1e-10).y)
+
+    q = brentq(lambda one: solution(one)[1, -1] - wall, 0.3, 0.7)
+    flow = cumulative_trapezoid(np.exp(solution(q)[2]) * np.sin(angles), angles, initial=0)
+    return angles, flow / flow[-1]
+
+
+def test_in_a_long_cone_the_field_is_that_of_jenike() -> None:
+    half_angle = np.radians(20)
+    angles, flow = radial_cone(0.45, 0.15, half_angle)
+    some = np.linspace(0, 0.97 * half_angle, 12)
+    exact = np.interp(some, angles, flow)
+    assert np.abs(exact - (1 - np.cos(some)) / (1 - np.cos(half_angle))).max() > 0.03  # not a plug
+    steep, errors = np.tan(half_angle), []
+    for cells in (6, 24):
+        wall = np.array([[3.0, 3.0 / steep], [0.5, 0.5 / steep]])
+        mesh = mesh_section(wall, {}, {}, cells_across=cells, corner_refinement=1)
+        found, _ = solve_frictional(mesh, FrictionLaw(0.45, 0.15, 0.0, regularization=0.01), 1.0, Outlet())
+        r, z = 4 * np.sin(some) / found.length, 4 * np.cos(some) / found.length
+        psi = [found.stream.psi_at(np.array([a]), np.array([b]))[0, 0] for a, b in zip(r, z, strict=True)]
+        errors.append(float(np.abs(2 * np.pi * np.abs(psi) - exact).max()))
+    assert errors[1] < 0.01
+    assert errors[1] < 0.7 * errors[0]
