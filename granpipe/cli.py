@@ -493,8 +493,8 @@ def homogenize(
 @_RESULTS
 @click.option("--angle", type=_Quantity("angle", positive=True), required=True, metavar="ANGLE",
               help="Measured angle of repose, such as '34 deg'.")  # fmt: skip
-@click.option("--error", type=_Quantity("angle"), default="0 deg", show_default=True, metavar="ANGLE",
-              help="Standard error of the measured angle.")  # fmt: skip
+@click.option("--error", type=_Quantity("angle"), default="1 deg", show_default=True, metavar="ANGLE",
+              help="Standard error of the measured angle; one heap differs from the next by about 1 deg.")  # fmt: skip
 @_CORES
 def repose(
     case: Path, overrides: Mapping[str, str], results: Path, angle: float, error: float, cores: int | None
