@@ -11,7 +11,7 @@ from granpipe.case.schema import Case
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, check_gap, choose
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError, MeshError
-from granpipe.field import Grid
+from granpipe.field import Grid, section_rows
 from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
@@ -316,6 +316,7 @@ class _Scene:
         if "mixing" in self.case.homogenize.fields and len(settings.classes.radius) < 2:
             raise CaseError("mixing tells how sizes lie among each other, and material.size is one size alone", FIELDS)
         grid = self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER)
+        self._check_sections(grid)
         notes = check_flow_rate(self.case, self.outline, self.openings)
         plan = self._made("dem", grid, stages, left, notes=list(notes))
         return replace(
@@ -326,6 +327,17 @@ class _Scene:
             seconds=self._seconds(settings, settings.steps),
             disk_bytes=self.case.dem.replicas * _disk(self.case, settings),
         )
+
+    def _check_sections(self, grid: Grid) -> None:
+        """CaseError where a section is so thin that no row of the grid tells its error, as along a curved wall."""
+        for name, rows in section_rows(grid, self.case.outline.levels).items():
+            if not rows.any():
+                top, low = self.case.outline.levels[name]
+                raise CaseError(
+                    f"section {name}, z = {low:.6g} … {top:.6g} m, holds no row of the grid, of {grid.cell:.3g} m "
+                    "cells: give sections that join it with a neighbour, or a smaller homogenize.cell",
+                    ("outline", "sections"),
+                )
 
     def _facets(self, settings: Settings) -> Decision:
         given, radius, diameter = self.case.dem.facets, self.outline.r_max, settings.classes.sauter_diameter

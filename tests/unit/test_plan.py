@@ -147,6 +147,16 @@ def test_a_long_run_has_longer_segments_but_no_more_of_them(tiny: Path) -> None:
     assert dem.duration == pytest.approx(1200, rel=0.02)
 
 
+def test_a_section_thinner_than_a_row_of_the_grid_is_refused_before_anything_is_run(tiny: Path) -> None:
+    """A curved wall is flattened into many short pieces, each of them a section."""
+    curved = {"outline__wall": "[[6.2, 10], [6.1, 5], [6.05, 4.9], [6.0, 0]]"}
+    with pytest.raises(CaseError, match=r"section s2, z = 0.049 … 0.05 m, holds no row .* join it with a neighbour"):
+        plan_of(tiny, **curved)
+    joined = "{a: {z: [10, 5]}, b: {z: [5, 0]}}"
+    assert plan_of(tiny, **curved, outline__sections=joined).dem.segments
+    assert plan_of(tiny, **curved, homogenize__cell="0.8 mm").dem.segments
+
+
 def test_a_longer_time_changes_nothing_but_the_number_of_segments(tiny: Path) -> None:
     short, long = plan_of(tiny, dem__max_time="1 s").dem, plan_of(tiny, dem__max_time="auto").dem
     assert long.segments > 2 * short.segments
