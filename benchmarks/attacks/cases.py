@@ -236,7 +236,7 @@ def outlines() -> Iterator[Attack]:
     arc = [[1 + 0.5 * math.cos(t), 2 * (1 - t / math.pi)] for t in np.linspace(0, math.pi, 2001).tolist()]
     exact = math.pi * 2 * (1 + 0.125)  # ∫(1 + cos(t)/2)² dz
     yield wall("2000 points of a curve", arc, right(volume(exact, 1e-5)))
-    yield wall("20 000 points", [[1, 5 - k / 1e4] for k in range(20_000)], refused("20000 points, more than"))
+    yield wall("20 000 points", [[1, 5 - k / 1e4] for k in range(20_000)], refused("too much data for a case"))
     yield wall("1 Mbyte of points", [[1, 5 - k / 1e5] for k in range(100_000)], refused("larger than 1 MB"))
     yield wall("levels in scientific notation", [["1e0", "5e0"], ["1e0", "0e0"]], not_wrong(check=volume(5 * math.pi)))
     yield wall(
