@@ -78,6 +78,7 @@ def half_section(drawing: Lines, axis: float | None = None, up: str = "y") -> Ha
         notes.append(f"left out: layers {', '.join(other)}; layers wall, obstacle… and axis are used")
     if drawing.half:
         _check_radii(used, tolerance)
+    _check_crossings(used, tolerance)
     place, how = (0.0, "") if drawing.half else _axis(used, layers.get("axis", []), axis, tolerance)
     if how:
         notes.append(f"axis at {place:.9g}: {how}")
@@ -90,6 +91,21 @@ def half_section(drawing: Lines, axis: float | None = None, up: str = "y") -> Ha
     notes += _tiny_edges([wall, *(np.vstack([polygon, polygon[:1]]) for polygon in obstacles)])
     names = _names(obstacles, given)
     return HalfSection(wall, dict(zip(names, obstacles, strict=True)), tuple(notes))
+
+
+def _check_crossings(lines: Sequence[Line], tolerance: float) -> None:
+    """CaseError where a line crosses itself: which of the areas that it bounds are meant is anybody's guess."""
+    from shapely import LineString, STRtree, linestrings, points
+
+    for line in lines:
+        if LineString(line.points).is_simple:
+            continue
+        edges = linestrings(np.stack([line.points[:-1], line.points[1:]], axis=1))
+        for first, second in STRtree(edges).query(edges, predicate="crosses").T:
+            place = edges[first].intersection(edges[second])
+            ends = points(np.concatenate([line.points[[first, first + 1]], line.points[[second, second + 1]]]))
+            if min(place.distance(end) for end in ends) > tolerance:
+                raise CaseError(f"a line crosses itself at ({place.x:.9g}, {place.y:.9g}): draw it without the loop")
 
 
 def _check_radii(lines: Sequence[Line], tolerance: float) -> None:

@@ -161,6 +161,7 @@ def test_what_overhangs_becomes_an_obstacle_below_an_upright_wall(tmp_path: Path
         ([[(1, 4), (1, 2), (0.5, 0)], [(0, 2), (1, 2)]], "a line crosses the vessel"),
         ([[(-1, 4), (1, 2), (0.5, 0)]], r"a negative radius at \(-1, 4\)"),
         ([[(1, 1), (1, 1)]], "all points are the same"),
+        ([[(1, 4), (0.5, 1), (1.2, 2), (0.4, 3), (0.5, 0)]], r"a line crosses itself at \(0\.75862069, 2\.55172414\)"),
         ([[(1, 4), (1, 2), (0.5, 0)], [(0.3, 3), (0.6, 2.8)]], r"a loose line inside the vessel near \(0\.45, 2\.9\)"),
     ],
 )
