@@ -65,6 +65,10 @@ class _Group(click.Group):
         return super().resolve_command(ctx, args)
 
 
+_DRAWN = ("overview", "packing", "u", "w", "speed", "streamlines", "error")
+_DRAWN_FIELDS = ("pressure", "shear_rate", "granular_temperature", "coordination", "mixing_index", "age")
+
+
 class _SweepGroup(click.Group):
     """Says how to write `granpipe sweep FILE` now."""
 
@@ -370,12 +374,9 @@ def scale(result: Path, flow: str, out: Path) -> None:
 @main.command()
 @click.argument("result", type=_PATH)
 @click.option("--what", default="overview", show_default=True, metavar="NAME",
-              type=click.Choice(["overview", "packing", "u", "w", "speed", "streamlines", "error",
-                                 "pressure", "shear_rate", "granular_temperature", "coordination", "mixing_index",
-                                 "age"]),
-              help="What to draw on the half section of the vessel: overview, packing, u, w, speed, streamlines, "
-                   "error; or of homogenize.fields pressure, shear_rate, granular_temperature, coordination, "
-                   "mixing_index, age.")  # fmt: skip
+              type=click.Choice(_DRAWN + _DRAWN_FIELDS),
+              help=f"What to draw on the half section of the vessel: {', '.join(_DRAWN)}; or of homogenize.fields "
+                   f"{', '.join(_DRAWN_FIELDS)}.")  # fmt: skip
 @click.option("--profile", type=_Level(), metavar="z=HEIGHT",
               help="Draw the profile across a level instead, such as z=4.4 or z=440cm.")  # fmt: skip
 @click.option("--out", type=_Picture(), help="PNG file to write; default: named after RESULT, in the current folder.")

@@ -54,12 +54,11 @@ class ParticleClass:
 
 
 @dataclass(frozen=True)
-class Deck:
-    """All values that the templates of a filling and a production deck use; SI units."""
+class MaterialDeck:
+    """What the template's block of the material uses: contacts, gravity, time step, neighbour skin."""
 
     contact_model: str
     types: int
-    density: float
     youngs_modulus: float
     poisson: float
     restitution: tuple[float, ...]
@@ -70,6 +69,13 @@ class Deck:
     gravity: float
     time_step: float
     skin: float
+
+
+@dataclass(frozen=True)
+class Deck(MaterialDeck):
+    """All values that the templates of a filling and a production deck use; SI units."""
+
+    density: float
     box: tuple[float, ...]
     volume_limit: float
     classes: tuple[ParticleClass, ...]

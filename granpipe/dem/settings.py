@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from granpipe.case.contact import Contact
 from granpipe.case.schema import Case
 from granpipe.dem import contact
 from granpipe.dem.duration import LEAST_TRAVEL, LEAST_TURNOVER, Duration, dumps_per_segment, duration
@@ -377,22 +378,37 @@ def _youngs_modulus(case: Case, stress: BedStress) -> tuple[float, Decision]:
     return youngs, Decision("youngs_modulus", f"{youngs:.3g} Pa", criterion, breach)
 
 
-def _time_step(
-    case: Case, classes: SizeClasses, youngs: float, speed: float, skin: float
-) -> tuple[float, float, Decision]:
-    """Time step and Rayleigh time [s]; `speed` is that of the fastest particle to be expected [m/s]."""
-    material, poisson = case.material, case.contact.poisson
-    rayleigh = contact.rayleigh_time(classes.smallest, material.density, youngs, poisson)
-    hertz = contact.hertz_time(classes.smallest, material.density, youngs, poisson, speed)
-    law = case.contact
-    share = contact.step_share(law.rolling_model, min(law.restitution, law.wall.restitution))
-    limits = {
+def step_limits(
+    law: Contact, restitution: float, radius: float, density: float, youngs: float, speed: float, skin: float
+) -> dict[str, float]:
+    """What the time step must not exceed, in words → limit [s].
+
+    Parameters
+    ----------
+    restitution : least of the contacts'
+    radius : of the smallest particle [m]
+    speed : of the fastest particle to be expected [m/s]
+    """
+    rayleigh = contact.rayleigh_time(radius, density, youngs, law.poisson)
+    hertz = contact.hertz_time(radius, density, youngs, law.poisson, speed)
+    share = contact.step_share(law.rolling_model, restitution)
+    return {
         f"{share:.2g} of the smallest particle's Rayleigh time of {rayleigh:.3g} s": share * rayleigh,
         f"{contact.HERTZ_SHARE:g} of its collision of {hertz:.3g} s at {speed:.3g} m/s": contact.HERTZ_SHARE * hertz,
         f"{contact.SKIN_SHARE:g} of the neighbour skin of {skin:.3g} m at {speed:.3g} m/s": contact.SKIN_SHARE
         * skin
         / speed,
     }
+
+
+def _time_step(
+    case: Case, classes: SizeClasses, youngs: float, speed: float, skin: float
+) -> tuple[float, float, Decision]:
+    """Time step and Rayleigh time [s]; `speed` is that of the fastest particle to be expected [m/s]."""
+    law, density = case.contact, case.material.density
+    rayleigh = contact.rayleigh_time(classes.smallest, density, youngs, law.poisson)
+    restitution = min(law.restitution, law.wall.restitution)
+    limits = step_limits(law, restitution, classes.smallest, density, youngs, speed, skin)
     criterion, limit = min(limits.items(), key=lambda item: item[1])
     given = case.dem.time_step
     step = contact.two_digits(limit) if given == "auto" else float(given)

@@ -197,5 +197,16 @@ def measured(name: str, segments: Sequence[Sums], measure: Callable[[Sums], Arra
     return found
 
 
+def measured_together(names: Sequence[str], segments: Sequence[Sums], measure: Callable[[Sums], Array]) -> Arrays:
+    """The same of several quantities that are measured at once, as an array (names, …)."""
+    found = measured("all", segments, measure)
+    return {
+        name + end: array
+        for end in ("", "_se")
+        if f"all{end}" in found
+        for name, array in zip(names, found[f"all{end}"], strict=True)
+    }
+
+
 def _ratio(top: Array, bottom: Array) -> Array:
     return np.divide(top, bottom, out=np.zeros_like(top), where=bottom > 0)

@@ -11,7 +11,7 @@ from granpipe.errors import DataError
 from granpipe.field import Array, Grid, Particles
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.bins import Bins
-from granpipe.homogenize.extras import Arrays, measured
+from granpipe.homogenize.extras import Arrays, measured, measured_together
 
 LEAST_SAMPLES = 20
 """Particles in a window, over all snapshots, from which a temperature or a coordination number is told."""
@@ -123,14 +123,7 @@ def coordination_arrays(segments: Sequence[Sums], bins: Bins) -> Arrays:
         ]
         return bins.on_cells(np.array(parts))
 
-    names = ("coordination", "mechanical_coordination", "rattlers")
-    found = measured("all", segments, all_of)
-    return {
-        name + end: array
-        for end in ("", "_se")
-        if f"all{end}" in found
-        for name, array in zip(names, found[f"all{end}"], strict=True)
-    }
+    return measured_together(("coordination", "mechanical_coordination", "rattlers"), segments, all_of)
 
 
 def mixing_sums(grid: Grid, radii: Array, diameter: float, particles: Particles) -> Arrays:

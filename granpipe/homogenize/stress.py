@@ -16,7 +16,7 @@ import numpy as np
 from granpipe.field import Array, Particles
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.bins import Bins
-from granpipe.homogenize.extras import Arrays, Touching, measured
+from granpipe.homogenize.extras import Arrays, Touching, measured_together
 from granpipe.system.interrupts import uninterrupted
 
 _COMPONENTS = ("stress_rr", "stress_tt", "stress_zz", "stress_rz")
@@ -80,13 +80,7 @@ def stress_arrays(segments: Sequence[Sums], bins: Bins, inside_fraction: Array) 
         spread = bins.on_cells(np.divide(of, np.broadcast_to(room, of.shape), out=np.zeros_like(of), where=known))
         return spread * (inside_fraction > 0)
 
-    found = measured("all", segments, components)
-    return {
-        name + end: array
-        for end in ("", "_se")
-        if f"all{end}" in found
-        for name, array in zip((*_COMPONENTS, "pressure"), found[f"all{end}"], strict=True)
-    }
+    return measured_together((*_COMPONENTS, "pressure"), segments, components)
 
 
 @dataclass(frozen=True)

@@ -37,12 +37,11 @@ def other_vessel(field: Field, outline: Outline, low: float = -inf, high: float 
     """What tells that the vessel of a field on rings is another one between two levels [m]; empty if it is the same."""
     grid = field.grid
     rows = (grid.z_centres > low) & (grid.z_centres < high)
-    edges = _beyond(grid.r_edges, outline.r_max)
-    here = outline.inside_fraction(Grid(edges, grid.z_edges))[rows]
+    wide = Grid(_beyond(grid.r_edges, outline.r_max), grid.z_edges)
+    here = outline.inside_fraction(wide)[rows]
     there = np.zeros_like(here)
     there[:, : grid.shape[1]] = field.inside_fraction[rows]
-    area = np.pi * np.diff(edges**2)
-    apart = (np.abs(here - there) @ area) / (here @ area)
+    apart = (np.abs(here - there) @ wide.ring_area) / (here @ wide.ring_area)
     worst = int(apart.argmax())
     if apart[worst] <= TOLERANCE:
         return ""

@@ -40,7 +40,8 @@ def plan_text(
         lines += _dem_lines(title, part)
     beside: list[tuple[str, Plan | CaseError]] = [*others.items()]
     beside[1:1] = [(f"fluid, {fluid[0]}", fluid[1])]
-    lines += ["the models side by side", *(_variant_line(name, other, rates) for name, other in beside)]
+    width = max(len(name) for name, _ in beside)
+    lines += ["the models side by side", *(_variant_line(f"{name:<{width}}", other, rates) for name, other in beside)]
     lines += [f"  times {_source(rates)}", ""]
     lines += [f"note: {warning}" for warning in plan.warnings]
     lines += [f"outside the range (a run ends with status 4): {breach}" for breach in plan.breaches]
@@ -92,13 +93,13 @@ def _source(rates: Rates | None) -> str:
 
 def _variant_line(name: str, plan: Plan | CaseError, rates: Rates | None) -> str:
     if isinstance(plan, GranpipeError):
-        return f"  {name:<17} not possible: {plan}"
+        return f"  {name} not possible: {plan}"
     time_text = duration_text(forecast(plan, rates))
     unfit = "; does not describe every section" if plan.unfit else ""
     error = f"; {expected_error(plan.case.fluid.rheology).text()}" if plan.model == "fluid" else ""
     runs = [part.dem for _, part in _dem_runs(plan)]
     particles = " + ".join(str(dem.particles) for dem in runs) or "no"
     return (
-        f"  {name:<17} {particles} particles, {plan.particle_steps:.3g} particle-steps, about {time_text}, "
+        f"  {name} {particles} particles, {plan.particle_steps:.3g} particle-steps, about {time_text}, "
         f"{plan.disk_bytes / 1e6:.3g} MB of disk at the most{unfit}{error}"
     )

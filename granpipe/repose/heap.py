@@ -19,10 +19,10 @@ import numpy as np
 
 from granpipe.case.schema import Case
 from granpipe.dem import contact
-from granpipe.dem.deck import DUMP_COLUMNS, render
+from granpipe.dem.deck import DUMP_COLUMNS, MaterialDeck, render
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.run import Liggghts, Limits, Status
-from granpipe.dem.settings import PACKING, SKIN
+from granpipe.dem.settings import PACKING, SKIN, step_limits
 from granpipe.dem.sizes import SizeClasses, size_classes
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import CaseError, DataError
@@ -72,23 +72,11 @@ FILLING = Pair(1.0, 0.5)
 
 
 @dataclass(frozen=True)
-class HeapDeck:
+class HeapDeck(MaterialDeck):
     """All values that the template of a heap uses, in units of the heap."""
 
-    contact_model: str
-    types: int
-    youngs_modulus: float
-    poisson: float
-    restitution: tuple[float, ...]
-    friction: tuple[float, ...]
-    rolling_model: bool
-    rolling_friction: tuple[float, ...]
     friction_asked: tuple[float, ...]
     rolling_asked: tuple[float, ...]
-    characteristic_velocity: None
-    gravity: float
-    time_step: float
-    skin: float
     fall_steps: int
     chunk_steps: int
     rest_chunks: int
@@ -251,16 +239,9 @@ def _deck(case: Case, pair: Pair, classes: SizeClasses) -> HeapDeck:
 
 def _time_step(case: Case, classes: SizeClasses, youngs: float, skin: float) -> float:
     """By the rules of `granpipe.dem.settings`; the fastest particle falls through the loose bed."""
-    poisson, restitution = case.contact.poisson, case.contact.restitution
     speed = math.sqrt(2 * _loose_height(0.0))
-    rayleigh = contact.rayleigh_time(classes.smallest, 1.0, youngs, poisson)
-    return contact.two_digits(
-        min(
-            contact.step_share(case.contact.rolling_model, restitution) * rayleigh,
-            contact.HERTZ_SHARE * contact.hertz_time(classes.smallest, 1.0, youngs, poisson, speed),
-            contact.SKIN_SHARE * skin / speed,
-        )
-    )
+    limits = step_limits(case.contact, case.contact.restitution, classes.smallest, 1.0, youngs, speed, skin)
+    return contact.two_digits(min(limits.values()))
 
 
 def _loose_height(x: float) -> float:

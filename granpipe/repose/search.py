@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granpipe.case.schema import Case
+from granpipe.dem.settings import RATE
 from granpipe.errors import CaseError
 from granpipe.fluid.bulk_friction import bulk_friction_law
 from granpipe.pipeline.gates import Gate, Limit
@@ -27,9 +28,6 @@ NEAR = 6
 
 FLATTEST, STEEPEST = math.radians(10), FILL_ANGLE
 """Angles of repose that are looked for at all: spheres without friction lie flatter, none stand steeper."""
-
-RATE = 1.5e6
-"""Particle-steps per second of a core where nothing was measured on this machine."""
 
 MISFIT = Limit(
     "scatter of heaps about the fitted surface, over that of the slopes of one heap",

@@ -56,10 +56,8 @@ def prepare() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
-    for name, lost in (
-        ("stdout", BrokenPipeError),
-        ("stderr", OSError),
-    ):  # what goes to a full disk is missed, or a log
+    # a result that does not get through to a full disk must be told, a line of a log may be lost
+    for name, lost in (("stdout", BrokenPipeError), ("stderr", OSError)):
         stream = getattr(sys, name)
         setattr(sys, name, Lossy(stream, lost) if stream is not None else Path(os.devnull).open("w"))  # noqa: SIM115
     os.environ["MPLBACKEND"] = "agg"
