@@ -367,7 +367,9 @@ def stl() -> Iterator[Attack]:
     dent[np.isclose(dent, whole[10, 0]).all(axis=2)] += [0.05, 0, 0]
     yield of("a dent", text_stl(dent), refused())
     yield of("a facet missing", text_stl(whole[1:]), not_wrong(check=volume(EMPTY)))
-    yield of("a ring of facets missing", text_stl(whole[48:]), refused())
+    shorter = math.pi * ((1 + 0.5 + 0.25) / 3 + 0.25)  # the cone and the pipe: whole without its bin
+    yield of("the uppermost ring of facets missing", text_stl(whole[48:]), right(volume(shorter, 0.02)))
+    yield of("a ring of facets missing", text_stl(np.concatenate([whole[:48], whole[96:]])), refused())
     box = np.array([[[2, 2, 0], [3, 2, 0], [2, 3, 1]]], dtype=float)
     yield of("a box beside it", text_stl(np.concatenate([whole, box])), refused())
     yield of("two vessels", text_stl(np.concatenate([whole, whole + np.array([5, 0, 0])])), refused())

@@ -26,6 +26,9 @@ NEAR = 0.01
 TINY = 1e-3
 """Of the drawing's size: shorter edges are told, for they are rarely meant and make small triangles."""
 
+MOST_POINTS = 50_000
+"""Of all lines: more take minutes, and no mesh resolves them."""
+
 _TURNS: dict[str, tuple[tuple[int, int], tuple[int, int]]] = {
     "y": ((1, 0), (0, 1)),
     "-y": ((1, 0), (0, -1)),
@@ -68,6 +71,8 @@ def half_section(drawing: Lines, axis: float | None = None, up: str = "y") -> Ha
     lines = [Line(_turned(line.points, up), line.layer) for line in drawing.lines if len(line.points) > 1]
     if not lines:
         raise CaseError("holds no lines")
+    if (count := sum(len(line.points) for line in lines)) > MOST_POINTS:
+        raise CaseError(f"holds {count} points, {MOST_POINTS} at the most: export curves with fewer points")
     layers = _by_layer(lines)
     if "wall" not in layers and not layers.get(""):
         raise CaseError(f"holds no wall, only layers {', '.join(sorted({line.layer for line in lines}))}")
@@ -235,8 +240,9 @@ def _areas(lines: Sequence[Line], tolerance: float) -> tuple[Polygon, list[tuple
     if len(through) != 1:
         raise CaseError(_unbounded(faces, (top, high), (bottom, low)))
     flow = Polygon(through[0])
+    border = flow.boundary.buffer(tolerance)
     for path in paths:  # polygons do not hold loose lines: a thin plate would be lost
-        loose = path.intersection(flow).difference(flow.boundary.buffer(tolerance))
+        loose = path.intersection(flow).difference(border)
         if loose.length > 10 * tolerance:
             r, z = loose.centroid.coords[0]
             raise CaseError(f"a loose line inside the vessel near ({r:.9g}, {z:.9g}): close it, or take it out")

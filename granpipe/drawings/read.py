@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from granpipe.drawings.half_section import HalfSection, half_section
-from granpipe.drawings.lines import Lines
+from granpipe.drawings.lines import LARGEST, Lines
 from granpipe.errors import CaseError
 
 INSTEAD = {
@@ -63,7 +63,13 @@ def read_drawing(
     if not stat.S_ISREG(kind):
         raise CaseError(f"{path}: not a file")
     try:
+        if tolerance is not None and not 0 < tolerance <= LARGEST:
+            raise CaseError(f"a tolerance of {tolerance:g}: it must be above 0", ("outline", "tolerance"))
+        if axis is not None and not abs(axis) <= LARGEST:
+            raise CaseError(f"an axis at {axis:g}: it must be a coordinate of the drawing", ("outline", "axis"))
         lines = _lines(path, tolerance, up)
+        if lines.half and axis is not None:
+            raise CaseError("its lines are a half section with the axis at r = 0: leave axis out", ("outline", "axis"))
         found = unit or lines.unit
         if not found:
             raise CaseError("does not tell its unit; say outline.unit, such as mm")
@@ -87,6 +93,8 @@ def _lines(path: Path, tolerance: float | None, up: str) -> Lines:
     if ending in (".csv", ".txt", ".tsv"):
         from granpipe.drawings.table import read_csv
 
+        if up:
+            raise CaseError("holds radii and heights, z points up: leave up out", ("outline", "up"))
         return read_csv(path)
     if ending == ".mphtxt":
         from granpipe.drawings.mphtxt import read_mphtxt

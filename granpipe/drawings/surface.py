@@ -64,8 +64,10 @@ def _read(path: Path) -> tuple[Points, NDArray[np.int64]]:
         raise CaseError(f"no triangles can be read from it ({type(error).__name__}: {error})") from None
     if points.shape[1:] != (3,):
         raise CaseError("damaged: its points have not three coordinates each")
-    if len(triangles) == 0 or not (np.abs(points) <= LARGEST).all() or triangles.max(initial=0) >= len(points):
-        raise CaseError(f"damaged: triangles with corners that are not there, no numbers, or beyond {LARGEST:g}")
+    if len(triangles) == 0 or not (np.abs(points) <= LARGEST).all():
+        raise CaseError(f"damaged: no triangles, or points that are no numbers or beyond {LARGEST:g}")
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise CaseError("damaged: triangles with corners that are not there (corners must be counted from 1, upwards)")
     return points, triangles
 
 

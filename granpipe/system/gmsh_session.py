@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from granpipe.errors import MeshError
+from granpipe.errors import GranpipeError, MeshError
 
 
 @contextmanager
@@ -29,7 +29,7 @@ def gmsh_session(task: str) -> Iterator[Any]:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.NumThreads", 1)
         yield gmsh
-    except MeshError:
+    except GranpipeError:  # the package's own: it says already what is wrong
         raise
     except Exception as error:  # gmsh raises nothing more special
         raise MeshError(f"gmsh could not {task} ({error}): look for walls that nearly touch") from error

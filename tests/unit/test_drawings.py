@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from granpipe.drawings.read import Drawing, read_drawing
 from granpipe.errors import CaseError
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.section import mesh_section
+from granpipe.system.gmsh_session import gmsh_session
 
 WALL = [(1.0, 5.9), (1.0, 4.9), (0.5, 3.9), (0.5, 3.4), (1.156, 3.4), (1.156, 0.0)]
 RING = [(0.75, 1.85), (1.156, 1.85), (1.156, 2.10), (0.75, 2.10)]
@@ -208,6 +210,47 @@ def test_a_surface_of_points_with_one_coordinate_is_refused(tmp_path: Path) -> N
 def test_a_square_vessel_is_not_turned_into_a_round_one(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match="not a surface of revolution with 8 facets"):
         read_drawing(revolved_stl(tmp_path / "box.stl", [(1, 2), (1, 1), (0.5, 0)], facets=4), unit="m")
+
+
+def test_a_box_in_a_step_file_is_said_to_be_no_body_of_revolution(tmp_path: Path) -> None:
+    with gmsh_session("box") as gmsh:
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 3)
+        gmsh.model.occ.synchronize()
+        gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+        gmsh.write(str(tmp_path / "box.step"))
+    with pytest.raises(CaseError, match="its body of 3 m³ is not one of revolution"):
+        read_drawing(tmp_path / "box.step", unit="m")
+
+
+@pytest.mark.parametrize("corners", ["0 1 2", "-1 -2 -3"])
+def test_corners_of_an_obj_file_that_are_not_counted_from_one_are_refused(corners: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(f"v 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf {corners}\n")
+    with pytest.raises(CaseError, match="corners that are not there"):
+        read_drawing(path, unit="m")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"tolerance": 0.0}, "a tolerance of 0: it must be above 0"),
+        ({"tolerance": float("nan")}, "a tolerance of nan"),
+        ({"axis": float("nan")}, "an axis at nan"),
+        ({"axis": 0.3}, "axis at r = 0: leave axis out"),
+        ({"up": "z"}, "z points up: leave up out"),
+    ],
+)
+def test_what_a_half_section_does_not_need_is_refused_and_not_passed_over(
+    given: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(CaseError, match=message):
+        read_drawing(write_csv(tmp_path / "a.csv", [WALL]), unit="m", **given)
+
+
+def test_a_drawing_of_too_many_points_is_refused_at_once(tmp_path: Path) -> None:
+    rows = [(1.0, 4 - k / 20_000) for k in range(60_001)]
+    with pytest.raises(CaseError, match="holds 60001 points, 50000 at the most"):
+        read_drawing(write_csv(tmp_path / "a.csv", [rows]), unit="m")
 
 
 def test_a_device_is_no_drawing() -> None:
