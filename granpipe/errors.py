@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 KeyPath = tuple[str | int, ...]
 
 
@@ -16,10 +18,12 @@ def dotted(key: KeyPath) -> str:
 class GranpipeError(Exception):
     """Base class. The text says what is wrong, where, the value, and what to do.
 
-    ``exit_status`` is what the command line returns: 2 the case is wrong, 3 a program or file failed.
+    ``exit_status`` is what the command line returns: 2 the case is wrong, 3 a program or file failed. ``evidence`` is
+    the folder with what a failed program has left, once that is kept.
     """
 
     exit_status = 3
+    evidence: Path | None = None
 
 
 class CaseError(GranpipeError):

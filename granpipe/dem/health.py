@@ -25,6 +25,9 @@ from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import RunError
 from granpipe.field import Array, Mask
 
+FREE_SHARE = 0.5
+"""Flow over the free discharge through an opening above which the plate may be too fast for the solids to follow."""
+
 _Column = tuple[int, NDArray[np.int64], Array, Array]  # step, and of each particle: number, height, volume
 
 OVERLAP_MARGIN = 2.0
@@ -53,6 +56,21 @@ DILATION = 0.1
 """Plate travel over the height above it until the motion has surely arrived there; 0.04 was measured."""
 
 
+class ArchError(RunError):
+    """Hardly anything passes an opening any more.
+
+    Parameters
+    ----------
+    seen : what was measured
+    remedy : why, and what to do
+    z : height of the opening [m]
+    """
+
+    def __init__(self, seen: str, remedy: str, z: float) -> None:
+        super().__init__(f"{seen}: {remedy}")
+        self.seen, self.remedy, self.z = seen, remedy, z
+
+
 @dataclass(frozen=True)
 class FlowLimits:
     """What the vessel is to the particles in it.
@@ -62,6 +80,7 @@ class FlowLimits:
     inside : radii and heights of centres (n,) [m] → which of them the walls and obstacles allow
     levels : name → height [m] of every opening that all must pass
     areas : name → free area of the vessel at it [m²], at most that of the outlet
+    loads : name → imposed flow over the free discharge through it
     flow : solids that the plate lets through, or free discharge [m³/s]
     speed : of the plate, or of the free discharge through the outlet [m/s]
     flow_energy : kinetic energy of a bed that flows at twice the mean speed everywhere [J/kg]
@@ -73,6 +92,7 @@ class FlowLimits:
     inside: Callable[[Array, Array], Mask]
     levels: Mapping[str, float]
     areas: Mapping[str, float]
+    loads: Mapping[str, float]
     flow: float
     speed: float
     flow_energy: float
@@ -156,7 +176,8 @@ class FlowHealth:
 
         Raises
         ------
-        RunError : particles are outside the walls or too fast, or an arch holds them up
+        RunError : particles are outside the walls or too fast
+        ArchError : an arch holds them up
         """
         self._check_place(snapshot)
         self._check_speed(snapshot)
@@ -291,7 +312,7 @@ class _Mean:
 
 
 class _Passing:
-    """Solids that pass every opening while the plate sinks; RunError where an arch holds them up."""
+    """Solids that pass every opening while the plate sinks; ArchError where an arch holds them up."""
 
     def __init__(self, settings: Settings, vessel: FlowLimits) -> None:
         self.vessel, self.names = vessel, list(vessel.levels)
@@ -332,9 +353,18 @@ class _Passing:
             enough = int((travel[:, one] >= self.windows[one]).argmax())
             imposed = self.vessel.flow / self.vessel.speed * travel[enough, one]
             if volume[enough, one] < ARCH_FLOW * imposed:
-                raise RunError(
+                seen = (
                     f"step {step}: over the last {travel[enough, one]:.3g} m of plate travel "
                     f"{volume[enough, one] / imposed:.1%} of the imposed flow has passed the {self.names[one]}, at "
-                    f"least {ARCH_FLOW:.0%} must: an arch holds them up; use smaller particles (material.size, "
-                    "dem.coarse_grain_factor), or a wider opening"
+                    f"least {ARCH_FLOW:.0%} must"
                 )
+                raise ArchError(seen, self._remedy(self.names[one]), float(self.levels[one]))
+
+    def _remedy(self, name: str) -> str:
+        smaller = "smaller particles (material.size, dem.coarse_grain_factor), or a wider opening"
+        if (load := self.vessel.loads[name]) > FREE_SHARE:
+            return (
+                f"the plate takes {load:.0%} of the free discharge there: it is too fast, or an arch holds the solids "
+                f"up; use a smaller dem.plate_speed, {smaller}"
+            )
+        return f"an arch holds the solids up; use {smaller}"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from granpipe.analysis.surfaces import surface_angle
+from granpipe.dem.health import ArchError
 from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.homogenize.average import Sums, merge
@@ -28,10 +29,12 @@ from granpipe.pipeline.averages import (
     plug_range,
     smoothing_change,
 )
-from granpipe.pipeline.convergence import average_gates
+from granpipe.pipeline.context import Context
+from granpipe.pipeline.convergence import StatisticalErrorCriterion, average_gates
+from granpipe.pipeline.dem_stages import finished_productions, simulate
 from granpipe.pipeline.discharge import Discharge, measure_discharge
 from granpipe.pipeline.extra_fields import ExtraSums
-from granpipe.pipeline.failure import no_field
+from granpipe.pipeline.failure import held_up, no_field
 from granpipe.pipeline.gates import (
     FORCES_BALANCE,
     OVERLAPS,
@@ -50,6 +53,27 @@ from granpipe.pipeline.production import Production
 from granpipe.pipeline.records import OverlapRecord, SettleRecord
 from granpipe.pipeline.softness import as_rigid, rigid_share
 from granpipe.planning.plan import Plan
+
+
+def simulated_field(plan: Plan, context: Context) -> ModelResult:
+    """Run the DEM stages of a plan, or find them done, and make the field.
+
+    Raises
+    ------
+    RunError : LIGGGHTS failed, or what it does is no physics
+    NoFieldError : the segments give no field, and why
+    """
+    try:
+        productions = simulate(plan, context, StatisticalErrorCriterion(plan))
+    except ArchError as error:
+        try:
+            productions = finished_productions(plan, context.store, context.versions)
+        except DataError:  # no segment has been finished: there is nothing to draw
+            raise error from None
+        segments = [sums for production in productions for sums in production.sums()]
+        raise held_up(error, plan, productions, segments) from None
+    context.progress.stage("field")
+    return dem_field(plan, productions)
 
 
 def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:

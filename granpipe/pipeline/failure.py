@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from granpipe.dem.contact import two_digits_up
+from granpipe.dem.health import ArchError
 from granpipe.dem.settings import PACKING, Settings
 from granpipe.errors import DataError
 from granpipe.field import Array, level_flow
@@ -40,7 +42,7 @@ MOST_MORE = 10.0
 
 
 class NoFieldError(DataError):
-    """A run has ended whose segments give no field.
+    """A run has ended, or was stopped, whose segments give no field.
 
     `story` is what they tell all the same, `kept` the folder where that has been written.
     """
@@ -52,7 +54,8 @@ class NoFieldError(DataError):
 
     def __str__(self) -> str:
         kept = f"; report and pictures in {self.kept}" if self.kept else ""
-        return f"{self.message}; {self.story.text}{kept}"
+        evidence = f"\nevidence: {self.evidence}" if self.evidence else ""
+        return f"{self.message}; {self.story.text}{kept}{evidence}"
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,18 @@ def no_field(reason: str, plan: Plan, productions: Sequence[Production], segment
     levels = _levels(one_run, _plate_flow(plan))
     cause, text = diagnose(one_run, levels, plan.outline, plan.dem)
     return NoFieldError(reason, Story(plan, tuple(productions), reason, cause, text, levels))
+
+
+def held_up(error: ArchError, plan: Plan, productions: Sequence[Production], segments: Sequence[Sums]) -> NoFieldError:
+    """The error of a run that was stopped because hardly anything passed an opening any more."""
+    level = int(np.abs(segments[0].grid.z_edges - error.z).argmin())
+    by_run = groupby(segments, key=lambda sums: sums.run)
+    worst = min((list(run) for _, run in by_run), key=lambda run: float(np.mean(run[-1].level_flow[:, level])))
+    levels = _levels(worst, _plate_flow(plan))
+    text = f"{error.remedy}; hardly any pass it since {_since(worst, level, levels):.3g} s"
+    told = NoFieldError(error.seen, Story(plan, tuple(productions), error.seen, "arch", text, levels))
+    told.evidence = error.evidence
+    return told
 
 
 def diagnose(segments: Sequence[Sums], levels: Levels, outline: Outline, settings: Settings) -> tuple[Cause, str]:

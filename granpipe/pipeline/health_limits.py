@@ -11,6 +11,7 @@ from granpipe.field import Array, Mask
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import inside_polygon
+from granpipe.planning.flow import free_discharge
 
 PROFILE = 2.0
 """Fastest over mean speed of a level, at most: a hopper's axis has twice the wall's speed."""
@@ -29,6 +30,7 @@ def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> F
         inside=lambda r, z: _inside(outline, r, z),
         levels={_described(opening): opening.z for opening in openings},
         areas={_described(opening): _free_area(outline, opening.z) for opening in openings},
+        loads={_described(opening): _load(outline, settings, opening, bulk_flow) for opening in openings},
         flow=PACKING * bulk_flow,
         speed=speed,
         flow_energy=_flow_energy(outline, bulk_flow),
@@ -46,6 +48,13 @@ def _free_area(outline: Outline, z: float) -> float:
     """Narrowest free area at a level, ledges included, at most that of the outlet [m²]."""
     here = (float(outline.area(z, side)) for side in ("above", "below"))
     return min(np.pi * outline.outlet_radius**2, *here)
+
+
+def _load(outline: Outline, settings: Settings, opening: Opening, bulk_flow: float) -> float:
+    """Flow that the plate asks for over the free discharge at the level of an opening; 0 without a plate."""
+    if settings.open_outlet:
+        return 0.0
+    return bulk_flow / free_discharge(outline, opening, settings.classes.mean_diameter).bulk
 
 
 def _flow_energy(outline: Outline, bulk_flow: float) -> float:

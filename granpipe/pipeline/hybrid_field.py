@@ -16,9 +16,7 @@ from granpipe.field import Array, Field, Grid, Mask, cell_squares
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid.forcing import KnownFlow
 from granpipe.pipeline.context import Context
-from granpipe.pipeline.convergence import StatisticalErrorCriterion
-from granpipe.pipeline.dem_field import dem_field
-from granpipe.pipeline.dem_stages import simulate
+from granpipe.pipeline.dem_field import simulated_field
 from granpipe.pipeline.fluid_field import fluid_gates, section_mesh, solve_figures, wall_factor_notes, wall_law
 from granpipe.pipeline.gates import FOLLOWED, SEAM, Gate, breach_gates
 from granpipe.pipeline.known_field import known_results
@@ -46,7 +44,7 @@ def hybrid_field(plan: Plan, context: Context) -> ModelResult:
     followed: Followed = []
     for span, submodel in plan.submodels:
         context.progress.note(f"sub-model of section {span.name}")
-        followed.append((span, dem_field(submodel, simulate(submodel, context, StatisticalErrorCriterion(submodel)))))
+        followed.append((span, simulated_field(submodel, context)))
     if case.fluid.known_field is not None:
         followed += known_results(plan)
     context.progress.stage("fluid")

@@ -156,13 +156,9 @@ def _with_checked_stiffness(plan: Plan, context: Context) -> Plan:
 
 
 def _dem(plan: Plan, context: Context) -> ModelResult:
-    from granpipe.pipeline.convergence import StatisticalErrorCriterion
-    from granpipe.pipeline.dem_field import dem_field
-    from granpipe.pipeline.dem_stages import simulate
+    from granpipe.pipeline.dem_field import simulated_field
 
-    productions = simulate(plan, context, StatisticalErrorCriterion(plan))
-    context.progress.stage("field")
-    return dem_field(plan, productions)
+    return simulated_field(plan, context)
 
 
 def _fluid(plan: Plan, context: Context) -> ModelResult:

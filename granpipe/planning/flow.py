@@ -49,7 +49,7 @@ def check_flow_rate(
     """
     flow = target_flow(case, packing or case.material.packing or PACKING)
     particle = size_classes(case.material.size).mean_diameter
-    least = min((_free_flow(outline, opening, particle) for opening in openings), key=lambda one: one.bulk)
+    least = min((free_discharge(outline, opening, particle) for opening in openings), key=lambda one: one.bulk)
     if least.bulk == 0:
         return ()  # too narrow for the particles: refused as an opening
     share = flow / least.bulk
@@ -69,7 +69,7 @@ def check_flow_rate(
     )
 
 
-def _free_flow(outline: Outline, opening: Opening, particle: float) -> FreeFlow:
+def free_discharge(outline: Outline, opening: Opening, particle: float) -> FreeFlow:
     """Free discharge through an opening that all solids pass, or through the vessel's section at its level."""
     if opening.required:
         return FreeFlow(opening.name, free_flow(opening, particle) * _cone_factor(outline, opening))

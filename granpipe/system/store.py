@@ -159,7 +159,8 @@ def evidence_kept(work: Path, evidence: Path) -> Iterator[None]:
     except (RunError, DataError) as error:
         shutil.rmtree(evidence, ignore_errors=True)
         shutil.move(work, evidence)
-        raise type(error)(f"{error}\nevidence: {evidence}") from error
+        error.evidence, error.args = evidence, (f"{error}\nevidence: {evidence}",)
+        raise
     shutil.rmtree(evidence, ignore_errors=True)
 
 

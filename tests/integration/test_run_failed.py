@@ -11,6 +11,7 @@ from click.testing import CliRunner
 import granpipe
 from granpipe.case.reader import read_case
 from granpipe.cli import main
+from granpipe.dem import health
 from granpipe.errors import DataError
 from granpipe.pipeline import dem_field
 from granpipe.pipeline.failure import NoFieldError
@@ -59,3 +60,23 @@ def test_a_run_without_a_field_keeps_its_story_beside_the_results(
     run_case(read_case(tiny, short), results, Silent())
     assert (results / "tiny" / "field.npz").is_file()
     assert [path.name for path in kept.iterdir()] == ["mine.txt"]
+
+
+def test_a_run_that_an_arch_stops_keeps_its_story_too(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The limit is raised so far that an ordinary flow counts as blocked."""
+    monkeypatch.setattr(health, "ARCH_FLOW", 10.0)
+    monkeypatch.setattr(health, "ARCH_TRAVEL", 0.3)
+    results = tmp_path / "results"
+    told = (
+        r"imposed flow has passed the outlet.*arch holds.*since .* s; report and pictures in .*tiny\.failed\n"
+    )
+    with pytest.raises(NoFieldError, match=told) as caught:
+        run_case(read_case(tiny), results, Silent())
+    kept = results / "tiny.failed"
+    assert json.loads((kept / "failure.json").read_text())["cause"] == "arch"
+    assert (kept / "figures" / "level_flow.png").is_file()
+    assert (kept / "figures" / "raw_average.png").is_file()
+    assert caught.value.evidence is not None
+    assert list(caught.value.evidence.glob("snapshot.*.bin"))

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from granpipe.case.reader import load_case
+from granpipe.dem.health import ArchError
 from granpipe.homogenize.average import Sums
-from granpipe.pipeline.failure import NoFieldError, no_field, time_needed
+from granpipe.pipeline.failure import NoFieldError, held_up, no_field, time_needed
 from granpipe.planning.plan import Plan, make_plan
 
 SEGMENTS, DURATION = 30, 0.1
@@ -85,3 +86,17 @@ def test_a_short_run_is_told_the_time_after_which_what_gathers_is_a_tenth_of_the
     assert told < 4 * (np.log(8) / rate)
     advised = float(re.search(r"max_time: ([\d.]+) s", str(error)).group(1))  # type: ignore[union-attr]
     assert advised > SEGMENTS * DURATION
+
+
+def test_a_run_that_was_stopped_at_an_arch_keeps_what_was_seen_and_since_when(plan: Plan) -> None:
+    share = np.ones((SEGMENTS, len(plan.grid.z_edges)))
+    share[12:, plan.grid.z_edges > 0.19] = 0.0
+    error = ArchError("nothing has passed the throat", "an arch; use smaller particles", 0.2)
+    error.evidence = Path("somewhere")
+    told = held_up(error, plan, (), segments(plan, share))
+    assert told.story.cause == "arch"
+    assert str(told) == (
+        "nothing has passed the throat; an arch; use smaller particles; hardly any pass it since 1.2 s\n"
+        "evidence: somewhere"
+    )
+    assert told.story.levels.late[-1] < 0.1
