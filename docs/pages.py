@@ -8,6 +8,7 @@ import click
 from granpipe.case.reference import reference
 from granpipe.cli import main
 from granpipe.pipeline.gates_page import gates_page
+from granpipe.repose.search import GATES
 
 HERE = Path(__file__).parent
 
@@ -82,7 +83,7 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|")
 
 
-PAGES = {"case.md": reference, "commands.md": commands_page, "gates.md": gates_page}
+PAGES = {"case.md": reference, "commands.md": commands_page, "gates.md": lambda: gates_page(GATES)}
 """Page → what it is made by."""
 
 if __name__ == "__main__":

@@ -48,8 +48,13 @@ granpipe computes what the case describes. It does not know, and therefore canno
 """
 
 
-def gates_page() -> str:
-    """The page as Markdown."""
+def gates_page(heaps: Iterable[Limit]) -> str:
+    """The page as Markdown.
+
+    Parameters
+    ----------
+    heaps : limits of a search for friction by heaps (`granpipe repose`)
+    """
     parts = [
         _INTRODUCTION,
         "## Refused before the run\n",
@@ -64,6 +69,8 @@ def gates_page() -> str:
         "\nA field from dumps that a user brings (`granpipe homogenize`), beside the packing and, with a case, what an "
         "average must pass:\n",
         _limits(DUMP_GATES),
+        "\nFriction found from heaps (`granpipe repose`):\n",
+        _limits(heaps),
         "\n## Noted\n",
         _limits(NOTES),
         "\nBefore the run, by `granpipe plan`: a flow rate above "

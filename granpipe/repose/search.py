@@ -45,6 +45,8 @@ MOTION = Limit(
     high=0.01,
 )
 
+GATES = (MISFIT, MOTION)
+
 
 @dataclass(frozen=True)
 class Found:
