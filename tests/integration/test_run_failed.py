@@ -69,9 +69,7 @@ def test_a_run_that_an_arch_stops_keeps_its_story_too(
     monkeypatch.setattr(health, "ARCH_FLOW", 10.0)
     monkeypatch.setattr(health, "ARCH_TRAVEL", 0.3)
     results = tmp_path / "results"
-    told = (
-        r"imposed flow has passed the outlet.*arch holds.*since .* s; report and pictures in .*tiny\.failed\n"
-    )
+    told = r"imposed flow has passed the outlet.*arch holds.*since .* s; report and pictures in .*tiny\.failed\n"
     with pytest.raises(NoFieldError, match=told) as caught:
         run_case(read_case(tiny), results, Silent())
     kept = results / "tiny.failed"

@@ -17,6 +17,7 @@ from granpipe.progress import Silent
 pytestmark = pytest.mark.liggghts
 
 RADIUS, SPEED, DENSITY, WALL_FRICTION = 0.08, 0.04, 2000.0, 0.2
+DIAMETER = 0.019  # of the particles, about
 
 CASE = f"""
 name: column
@@ -32,7 +33,8 @@ model: dem
 dem: {{max_time: 1.6 s, plate_speed: {SPEED} m/s, ranks: 1, reservoir_height: 8 cm}}
 homogenize:
   start: 0.5 s
-  fields: [particle_velocity, size_classes, wall_slip, wall_pressure, residence_time]
+  fields: [particle_velocity, size_classes, wall_slip, wall_pressure, residence_time, stress, granular_temperature,
+    coordination, mixing, strain_rate, age]
 figures: []
 export: [vtk]
 """
@@ -96,6 +98,72 @@ def test_size_classes_are_those_of_the_case(field: Field) -> None:
     sauter = field.extra["sauter_diameter"]
     assert sauter[sauter > 0].min() >= field.extra["class_diameter"].min() * (1 - 1e-9)
     assert sauter.max() <= field.extra["class_diameter"].max() * (1 + 1e-9)
+
+
+def middle(field: Field) -> np.ndarray[Any, Any]:
+    """Cells in the column's middle, more than a window from its ends, its axis and its wall."""
+    r, z = np.meshgrid(field.grid.r_centres, field.grid.z_centres)
+    return np.asarray((r > 0.02) & (r < 0.06) & (z > 0.05) & (z < 0.4))
+
+
+def test_contacts_and_walls_bear_the_weight(results: Path) -> None:
+    """div σ + ρg = 0, from bottom to top; the walls bear most of it in a column as slender as this."""
+    forces = figures(results)["forces"]
+    assert abs(forces["imbalance"]) < 0.05
+    assert 0.5 < forces["by_walls"] < 1.0
+    assert forces["agitation"] < 0.02
+
+
+def test_vertical_stress_is_weight_less_what_friction_bears(field: Field) -> None:
+    """Level by level: A σ_zz grows with depth by the weight, less μ_w times the wall pressure (which slides)."""
+    grid, z = field.grid, field.grid.z_centres
+    stress = field.extra["stress_zz"] @ grid.ring_area
+    weight = (field.packing_fraction @ grid.ring_area) * DENSITY * 9.81  # type: ignore[operator]
+    pressure = np.interp(z, heights(field)[::-1], field.extra["wall_pressure"][::-1])
+    support = WALL_FRICTION * pressure * 2 * np.pi * RADIUS
+    low, high = (int(np.argmin(np.abs(z - at))) for at in (0.08, 0.4))
+    borne = (weight - support)[low:high].sum() * grid.cell
+    assert stress[low] - stress[high] == pytest.approx(borne, abs=0.1 * weight[low:high].sum() * grid.cell)
+
+
+def test_stress_at_the_wall_is_the_pressure_on_it(field: Field) -> None:
+    """σ_rr of the outermost window, which is 1.5 diameters wide, against the forces on the wall itself."""
+    rows = (field.grid.z_centres > 0.08) & (field.grid.z_centres < 0.4)
+    own = field.extra["stress_rr"][rows, -1].mean()
+    on_wall = field.extra["wall_pressure"][(heights(field) > 0.08) & (heights(field) < 0.4)].mean()
+    assert own == pytest.approx(on_wall, rel=0.15)
+    assert field.extra["pressure"] == pytest.approx(
+        sum(field.extra[f"stress_{one}"] for one in ("rr", "tt", "zz")) / 3, abs=1e-9
+    )
+
+
+def test_a_plug_is_hardly_sheared_and_its_particles_hardly_stir(field: Field) -> None:
+    """A plug's speed would change by less than a twentieth over a diameter; at the wall its flux follows the layers."""
+    core = field.grid.r_centres < RADIUS - 2 * DIAMETER
+    rows = (field.grid.z_centres > 0.05) & (field.grid.z_centres < 0.4)
+    sheared = np.nanmedian(field.extra["shear_rate"][rows, :-1], axis=0)  # a wall cuts the last cell
+    assert sheared[core[:-1]].max() < 0.05 * SPEED / DIAMETER
+    assert sheared[~core[:-1]].max() > 10 * sheared[core[:-1]].max()
+    assert 0 < np.sqrt(np.nanmedian(field.extra["granular_temperature"][middle(field)])) < SPEED
+
+
+def test_spheres_with_friction_touch_four_to_six_others(field: Field) -> None:
+    """Between the isostatic numbers with friction, 4, and without, 6, and a little more for softness."""
+    inside = middle(field)
+    assert 4 < np.nanmean(field.extra["mechanical_coordination"][inside]) < 6.5
+    assert np.nanmean(field.extra["rattlers"][inside]) < 0.15
+
+
+def test_sizes_that_were_filled_at_random_are_mixed(results: Path, field: Field) -> None:
+    assert figures(results)["mixing_index"] == pytest.approx(1, abs=0.15)
+    assert np.nanmean(field.extra["mixing_index"]) == pytest.approx(1, abs=0.15)
+
+
+def test_age_in_a_plug_is_depth_over_speed(field: Field) -> None:
+    inside = middle(field)
+    _, z = np.meshgrid(field.grid.r_centres, field.grid.z_centres)
+    age = field.extra["age"]
+    assert np.nanmedian(age[inside] * SPEED / (0.5 - z[inside])) == pytest.approx(1, abs=0.05)
 
 
 def test_particles_of_the_plug_move_with_the_plate(field: Field) -> None:
