@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
@@ -21,6 +22,12 @@ SLAB = ("left", "right", "depth")
 """Keys of a slab."""
 
 LEVEL_TOLERANCE = 1e-9  # m; levels nearer than this are one level
+
+CURVE_PIECES, CURVE_PIECE, CURVE_TURN = 3, 0.1, math.radians(30)
+"""Pieces that make a curve, at least; the height of each over that of the wall, and the turn to the next, at most."""
+
+ROUNDING = 0.05
+"""Height of a curve over that of the wall below which it is no section of its own."""
 
 
 class Section(Group):
@@ -124,7 +131,7 @@ class OutlineSpec(Group):
     ] = Field(
         default_factory=lambda data: _sections_by_slope(*(data.get(wall) or () for wall in ("wall", "left", "right"))),
         description="Parts of the vessel between two levels, by name. Unless given: one for each change of wall slope, "
-        "named s1, s2, …, from the top.",
+        "named s1, s2, …, from the top. A curve of short pieces is one, and a rounding goes with the wall beside it.",
     )
 
     @property
@@ -190,24 +197,73 @@ def _scaled(value: Any, factor: float) -> Any:
 
 
 def _sections_by_slope(*walls: Polygon) -> dict[str, Section]:
-    """One section per run of wall segments of equal slope, of all walls; ledges only separate."""
+    """One section per run of wall segments of equal slope, of all walls; a curve is one, ledges only separate."""
     levels: list[float] = []
-    for z in sorted({z for wall in walls for run in _runs(wall) for z in run}, reverse=True):
+    for z in sorted({z for wall in walls for span in _spans(wall) for z in span}, reverse=True):
         if not levels or levels[-1] - z > LEVEL_TOLERANCE:
             levels.append(z)
     return {f"s{index}": Section(z=span) for index, span in enumerate(pairwise(levels), start=1)}
 
 
-def _runs(wall: Polygon) -> list[tuple[float, float]]:
-    """Upper and lower ends of what has one slope, from the top down."""
-    runs: list[tuple[float, float, float]] = []
+def _spans(wall: Polygon) -> list[tuple[float, float]]:
+    """Upper and lower ends of what is one section along a wall, from the top down."""
+    if not wall:
+        return []
+    height = wall[0][1] - wall[-1][1]
+    curves = _curves(_runs(wall), CURVE_PIECE * height)
+    for rounding in [curve for curve in curves if len(curve) > 1 and _height(curve) < ROUNDING * height]:
+        k = curves.index(rounding)  # between two walls: it goes with the one that slopes more
+        beside = [other for other in curves[max(0, k - 1) : k + 2] if other is not rounding and other[0].height > 0]
+        if beside:
+            joined = max(beside, key=lambda other: abs(other[0].slope))
+            joined[:] = sorted([*joined, *rounding], key=lambda run: -run.top)
+            curves.remove(rounding)
+    return [(curve[0].top, curve[-1].bottom) for curve in curves if curve[0].height > 0]
+
+
+def _curves(runs: list[_Run], piece: float) -> list[list[_Run]]:
+    """Runs of one slope; those of a curve, of pieces no longer than this, together."""
+    chains: list[list[_Run]] = []
+    for run in runs:
+        if chains and _go_on(chains[-1][-1], run, piece):
+            chains[-1].append(run)
+        else:
+            chains.append([run])
+    return [part for chain in chains for part in ([chain] if len(chain) >= CURVE_PIECES else [[run] for run in chain])]
+
+
+def _go_on(run: _Run, below: _Run, piece: float) -> bool:
+    """Whether two pieces may belong to one curve."""
+    small = all(0 < one.height < piece for one in (run, below))
+    return small and abs(math.atan(below.slope) - math.atan(run.slope)) < CURVE_TURN
+
+
+def _height(curve: list[_Run]) -> float:
+    return curve[0].top - curve[-1].bottom
+
+
+def _runs(wall: Polygon) -> list[_Run]:
+    """What has one slope, from the top down; a ledge has no height."""
+    runs: list[_Run] = []
     for (r0, z0), (r1, z1) in pairwise(wall):
         if z0 - z1 <= LEVEL_TOLERANCE:
-            runs.append((0.0, z0, z0))
+            runs.append(_Run(0.0, z0, z0))
             continue
         slope = (r1 - r0) / (z1 - z0)
-        if runs and runs[-1][1] > runs[-1][2] and abs(slope - runs[-1][0]) < 1e-9:
-            runs[-1] = (slope, runs[-1][1], z1)
+        if runs and runs[-1].height > 0 and abs(slope - runs[-1].slope) < 1e-9:
+            runs[-1] = _Run(slope, runs[-1].top, z1)
         else:
-            runs.append((slope, z0, z1))
-    return [(top, bottom) for _, top, bottom in runs if top > bottom]
+            runs.append(_Run(slope, z0, z1))
+    return runs
+
+
+class _Run(NamedTuple):
+    """A piece of wall of one slope dr/dz between two levels."""
+
+    slope: float
+    top: float
+    bottom: float
+
+    @property
+    def height(self) -> float:
+        return self.top - self.bottom

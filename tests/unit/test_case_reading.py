@@ -105,6 +105,33 @@ def test_ledge_between_equal_slopes_separates_sections():
     assert [(s.z_top, s.z_bottom) for s in sections.values()] == [(3, 2), (2, 0)]
 
 
+def arc(r: float, z: float, radius: float, degrees: int) -> str:
+    """A wall that turns inwards from the vertical at (r, z), in chords of 5°."""
+    angles = [math.radians(5 * i) for i in range(1, degrees // 5 + 1)]
+    points = [(r - radius * (1 - math.cos(a)), z - radius * math.sin(a)) for a in angles]
+    return ", ".join(f"[{r:.6f}, {z:.6f}]" for r, z in points)
+
+
+def spans(wall: str) -> list[tuple[float, float]]:
+    sections = with_set("outline.wall", wall).outline.sections
+    return [(round(s.z_top, 3), round(s.z_bottom, 3)) for s in sections.values()]
+
+
+def test_a_curved_wall_is_one_section():
+    below = round(2.5 - 1.8 * math.sin(math.radians(60)), 3)
+    wall = f"[[2, 3], [2, 2.5], {arc(2, 2.5, 1.8, 60)}, [0.7, 0.2], [0.7, 0]]"
+    assert spans(wall) == [(3, 2.5), (2.5, below), (below, 0.2), (0.2, 0)]
+
+
+def test_a_rounding_between_two_walls_belongs_to_the_one_that_slopes_more():
+    assert spans(f"[[1, 3], [1, 2], {arc(1, 2, 0.1, 30)}, [0.4, 1], [0.4, 0]]") == [(3, 2), (2, 1), (1, 0)]
+
+
+def test_short_walls_that_turn_sharply_and_long_ones_that_turn_little_are_sections_each():
+    assert spans("[[1, 3], [1, 2], [0.98, 1], [0.9, 0]]") == [(3, 2), (2, 1), (1, 0)]
+    assert spans("[[1, 3], [1, 2], [0.9, 1.95], [0.9, 1.9], [0.8, 0]]") == [(3, 2), (2, 1.95), (1.95, 1.9), (1.9, 0)]
+
+
 @pytest.mark.parametrize(
     ("size", "kind", "expected"),
     [
