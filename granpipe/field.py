@@ -199,12 +199,7 @@ class Grid:
         ------
         CaseError : the grid would have more than `MOST_CELLS` cells
         """
-        if not (z_max - z_min) * max(r_max, cell) < MOST_CELLS * cell**2:
-            raise CaseError(
-                f"cells of {cell:.3g} m in a vessel of {r_max:.3g} m × {z_max - z_min:.3g} m are more than "
-                f"{MOST_CELLS:.0e}; choose a larger cell, or larger particles, by which it goes unless it is given",
-                ("homogenize", "cell"),
-            )
+        _check_number(r_max, z_max - z_min, cell)
         rows = max(1, round((z_max - z_min) / cell))
         size = (z_max - z_min) / rows
         columns = max(1, int(np.ceil(r_max / size - 1e-9)))
@@ -283,6 +278,15 @@ class Grid:
         return flux
 
 
+def _check_number(width: float, height: float, cell: float) -> None:
+    if not height * max(width, cell) < MOST_CELLS * cell**2:
+        raise CaseError(
+            f"cells of {cell:.3g} m in a vessel of {width:.3g} m × {height:.3g} m are more than "
+            f"{MOST_CELLS:.0e}; choose a larger cell, or larger particles, by which it goes unless it is given",
+            ("homogenize", "cell"),
+        )
+
+
 @dataclass(frozen=True)
 class Box(Grid):
     """A uniform Cartesian grid, in the plane x–z of a vessel that is alike all along y, or in space.
@@ -305,7 +309,14 @@ class Box(Grid):
     def within(
         cls, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], cell: float, flat: bool, cut: bool
     ) -> Box:
-        """Grid that fills these ranges [m] exactly, with cells as near to `cell` [m] as that allows."""
+        """Grid that fills these ranges [m] exactly, with cells as near to `cell` [m] as that allows.
+
+        Raises
+        ------
+        CaseError : a grid in the plane would have more than `MOST_CELLS` cells
+        """
+        if flat:
+            _check_number(x[1] - x[0], z[1] - z[0], cell)
 
         def edges(ends: tuple[float, float], size: float) -> Array:
             return np.linspace(*ends, max(1, round((ends[1] - ends[0]) / size)) + 1)

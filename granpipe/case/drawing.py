@@ -33,6 +33,9 @@ def with_drawing(data: dict[str, Any], places: Places, folder: Path) -> tuple[st
         spec = DrawingSpec.model_validate(given)
     except ValidationError as error:
         raise _in_outline(case_error(error, given, Places(places.file)), places) from None
+    if outline.get("symmetry") == "plane":
+        message = "a drawing gives a body of revolution; type the points of a slab under left and right"
+        raise CaseError(message, _KEY, places.locate(_KEY))
     for key in ("wall", "obstacles"):
         if outline.get(key) is not None:
             message = f"stands beside file: {spec.file}; give the points or the drawing, not both"

@@ -75,6 +75,8 @@ class Opening(Protocol):
     def required(self) -> bool: ...
     @property
     def key(self) -> KeyPath: ...
+    @property
+    def length(self) -> float | None: ...
 
 
 def free_flow(opening: Opening, particle: float) -> float:
@@ -82,9 +84,9 @@ def free_flow(opening: Opening, particle: float) -> float:
 
     A cone above the opening speeds it up (Rose & Tanaka 1959); leaving that out is on the safe side.
     """
-    if opening.r_inner == 0:
+    if opening.length is None:
         return contact.beverloo_flow(opening.gap, particle)
-    return contact.slot_flow(math.pi * (opening.r_inner + opening.r_outer), opening.gap, particle)
+    return contact.slot_flow(opening.length, opening.gap, particle)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ class Planned:
 
     Parameters
     ----------
-    wall : (n, 2) from the inlet down
+    wall, left : (n, 2) from the inlet down; left is the axis, or the left wall of a slab
+    axial : whether left is the axis
     obstacles : name → (m, 2) corners
     sections : name → top, bottom, and whether particles are simulated there
     openings : name → level, inner and outer radius
@@ -30,6 +31,8 @@ class Planned:
     """
 
     wall: Array
+    left: Array
+    axial: bool
     obstacles: Mapping[str, Array]
     sections: Mapping[str, tuple[float, float, bool]]
     openings: Mapping[str, tuple[float, float, float]]
@@ -43,22 +46,26 @@ def plan_picture(planned: Planned, title: str, path: Path) -> None:
     """Draw a plan into a PNG file."""
     from matplotlib.figure import Figure
 
-    wall = planned.wall
+    wall, left = planned.wall, planned.left
     levels = [*wall[:, 1], *(planned.feed or ()), *(planned.plate or ())]
-    height, width = max(levels) - min(levels), float(wall[:, 0].max())
+    height, width = max(levels) - min(levels), float(wall[:, 0].max() - left[:, 0].min())
+    right, begin = float(wall[:, 0].max()), float(left[:, 0].min())
     with own_style(STYLE):
         figure = Figure(figsize=(float(np.clip(7.0 * width / height + 3.2, 4.5, 12.0)), 7.5), layout="constrained")
         axes = figure.add_subplot()
         for name, (top, bottom, particles) in planned.sections.items():
-            outline = _between(wall, top, bottom)
+            outline = _between(left, wall, top, bottom)
             axes.fill(*outline.T, color=REST if particles else BLUE, alpha=0.5 if particles else 0.25, linewidth=0)
             what = "particles" if particles else "fluid"
-            axes.text(1.04 * width, 0.5 * (top + bottom), f"{name}: {what}", fontsize=8, va="center")
+            axes.text(right + 0.04 * width, 0.5 * (top + bottom), f"{name}: {what}", fontsize=8, va="center")
             axes.axhline(top, color=STONE, linewidth=0.4, linestyle=":")
         for polygon in planned.obstacles.values():
             axes.fill(*polygon.T, facecolor=STONE, edgecolor=INK)
         axes.plot(*wall.T, color=INK, linewidth=1.5)
-        axes.axvline(0.0, color=STONE, linestyle="-.", linewidth=0.8)
+        if planned.axial:
+            axes.axvline(0.0, color=STONE, linestyle="-.", linewidth=0.8)
+        else:
+            axes.plot(*left.T, color=INK, linewidth=1.5)
         for line in planned.surfaces:
             axes.plot(*line.T, color=RED, linestyle="--", linewidth=1.0)
         for number, (name, (z, inner, outer)) in enumerate(planned.openings.items()):
@@ -72,18 +79,21 @@ def plan_picture(planned: Planned, title: str, path: Path) -> None:
         for level, name in zip(planned.plate or (), ("plate at the start", "plate at the end"), strict=False):
             axes.plot([0, wall[-1, 0]], [level, level], color=INK, linewidth=2.0)
             axes.annotate(name, (0.05 * width, level), (0, 3), textcoords="offset points", fontsize=7)
-        axes.set(xlabel="r [m]", ylabel="z [m]", xlim=(-0.03 * width, 2.0 * width), title=title, aspect="equal")
-        figure.text(
-            0.01, 0.005, f"red: free surfaces to be expected ({np.degrees(planned.repose):.0f}°)", fontsize=7, color=RED
+        across = "r [m]" if planned.axial else "x [m]"
+        axes.set(
+            xlabel=across, ylabel="z [m]", xlim=(begin - 0.03 * width, begin + 2.0 * width), title=title, aspect="equal"
         )
+        if planned.axial:
+            told = f"red: free surfaces to be expected ({np.degrees(planned.repose):.0f}°)"
+            figure.text(0.01, 0.005, told, fontsize=7, color=RED)
         figure.savefig(path, dpi=DPI)
 
 
-def _between(wall: Array, top: float, bottom: float) -> Array:
-    """The half section between two levels (n, 2), from the axis round."""
+def _between(left: Array, wall: Array, top: float, bottom: float) -> Array:
+    """The section between two levels (n, 2)."""
     import shapely
 
-    outline = shapely.Polygon([(0.0, wall[0, 1]), *wall, (0.0, wall[-1, 1])])
-    part = outline.intersection(shapely.box(-1.0, bottom, 2 * wall[:, 0].max() + 1.0, top))
+    outline = shapely.Polygon([*wall, *left[::-1]])
+    part = outline.intersection(shapely.box(left[:, 0].min() - 1.0, bottom, wall[:, 0].max() + 1.0, top))
     parts = shapely.get_parts(part)
     return np.array(parts[int(np.argmax(shapely.area(parts)))].exterior.coords)

@@ -14,7 +14,7 @@ from granpipe.errors import KeyPath
 from granpipe.field import Array
 from granpipe.geometry.contacts import AXIS, WALL
 from granpipe.geometry.polyline import closest_approach, crosses, distance_to, edges_of
-from granpipe.geometry.validate import WALL_KEY, obstacle_key
+from granpipe.geometry.validate import RIGHT_KEY, WALL_KEY, obstacle_key
 
 if TYPE_CHECKING:
     from granpipe.geometry.outline import Outline
@@ -28,11 +28,12 @@ class Opening:
     ----------
     name : what users call it: "outlet", "throat", "gap between ring and wall"
     z : height [m]
-    r_inner, r_outer : radii of its ends [m]; 0 where it lies round the axis
+    r_inner, r_outer : radii of its ends [m]; 0 where it lies round the axis; in a slab x
     gap : diameter of the largest sphere that passes [m]
     area : of the narrowest section [m²]
     required : nothing passes the vessel but through here
     key : path in the case of what makes it narrow
+    length : of the slot that it is [m]; None where it lies round the axis
     """
 
     name: str
@@ -43,6 +44,7 @@ class Opening:
     area: float
     required: bool
     key: KeyPath
+    length: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +98,9 @@ def find_openings(outline: Outline) -> tuple[Opening, ...]:
 
 def _junctions(outline: Outline) -> list[_Junction]:
     """Every place where channels meet, level by level from the top."""
-    heights = np.concatenate([outline.wall[:, 1], *(polygon[:, 1] for polygon in outline.obstacles.values())])
+    heights = np.concatenate([outline.border[:, 1], *(polygon[:, 1] for polygon in outline.obstacles.values())])
     levels = _distinct(heights, outline.tolerance)
-    inlet, outlet = _pipe(outline.inlet_radius), _pipe(outline.outlet_radius)
+    inlet, outlet = (_pipe(*(float(chain[end, 0]) for chain in (outline.left, outline.wall))) for end in (0, -1))
     rows = [[inlet], *(_channels(outline, low, high) for high, low in pairwise(levels)), [outlet]]
     met = [
         _meet(z, a, b, None if a is inlet else a, None if b is outlet else b)
@@ -118,8 +120,8 @@ def _distinct(heights: Array, tolerance: float) -> list[float]:
     return levels
 
 
-def _pipe(radius: float) -> _Channel:
-    return _Channel((0.0, radius), (0.0, radius), (AXIS, WALL))
+def _pipe(left: float, right: float) -> _Channel:
+    return _Channel((left, right), (left, right), (AXIS, WALL))
 
 
 def _width(interval: tuple[float, float]) -> float:
@@ -135,7 +137,7 @@ def _meet(z: float, a: _Channel, b: _Channel, above: _Channel | None, below: _Ch
 
 def _channels(outline: Outline, low: float, high: float) -> list[_Channel]:
     """Free pieces of the slab between two neighbouring levels; their order cannot change inside it."""
-    names = (WALL, *outline.obstacles)
+    names = (WALL, *outline.obstacles, AXIS)  # the last one is that of LEFT
     spans, radii = outline.edges.at(np.array([low, 0.5 * (low + high), high]), "below")
     met = sorted(np.flatnonzero(spans[:, 1]), key=lambda i: (radii[i, 1], outline.edges.sign[i]))
     channels = []
@@ -199,7 +201,7 @@ def _as_opening(outline: Outline, junction: _Junction) -> Opening:
     left, right = junction.sides
     required = outline.groups.bridged_by(left, right)
     name, key = _describe(outline, junction)
-    if left == AXIS:
+    if left == AXIS and outline.measure.axial:
         area = float(np.pi * junction.r1**2)
         return Opening(name, junction.z, 0.0, junction.r1, 2 * junction.r1, area, required, key)
     ends = np.array([[junction.r0, junction.z], [junction.r1, junction.z]])
@@ -209,8 +211,13 @@ def _as_opening(outline: Outline, junction: _Junction) -> Opening:
         float(distance_to(ends[1:], _border(outline, left))[0]),
     ]
     gap = min(across)
-    area = float(np.pi * (junction.r0 + junction.r1) * gap)
-    return Opening(name, junction.z, junction.r0, junction.r1, gap, area, required, key)
+    length = _length(outline, junction.r0, junction.r1)
+    return Opening(name, junction.z, junction.r0, junction.r1, gap, length * gap, required, key, length)
+
+
+def _length(outline: Outline, r0: float, r1: float) -> float:
+    """Of the slot between two r: round the axis at their mean, or along the depth [m]."""
+    return float(np.pi * (r0 + r1)) if outline.measure.axial else outline.measure.turn
 
 
 def _describe(outline: Outline, junction: _Junction) -> tuple[str, KeyPath]:
@@ -219,43 +226,49 @@ def _describe(outline: Outline, junction: _Junction) -> tuple[str, KeyPath]:
     blame = next((side for side in (right, left) if side in outline.obstacles), None)
     if blame is None:
         offset = np.abs(outline.wall - [junction.r1, junction.z]).sum(axis=1)
-        key: KeyPath = (*WALL_KEY, int(offset.argmin()))
+        key: KeyPath = (*(WALL_KEY if outline.measure.axial else RIGHT_KEY), int(offset.argmin()))
         name = "outlet" if junction.below is None else "inlet" if junction.above is None else "throat"
         return name, key
     if junction.below is None:
         return f"outlet beside {blame}", obstacle_key(blame)
-    return (f"opening inside {right}" if left == AXIS else _gap_name(left, right)), obstacle_key(blame)
+    inside = left == AXIS and outline.measure.axial
+    return (f"opening inside {right}" if inside else _gap_name(left, right)), obstacle_key(blame)
 
 
 def _gap_name(a: str, b: str) -> str:
-    first, second = sorted((a, b), key=lambda side: side == WALL)
-    return f"gap between {first} and {'the wall' if second == WALL else second}"
+    names = {WALL: "the wall", AXIS: "the left wall"}
+    first, second = sorted((a, b), key=lambda side: side in names)
+    return f"gap between {first} and {names.get(second, second)}"
 
 
 def _border(outline: Outline, side: str) -> Array:
-    return edges_of(outline.wall) if side == WALL else edges_of(outline.obstacles[side], closed=True)
+    chains = {WALL: outline.wall, AXIS: outline.left}
+    return edges_of(chains[side]) if side in chains else edges_of(outline.obstacles[side], closed=True)
 
 
 def _slits(outline: Outline, known: dict[frozenset[str], float]) -> Iterator[Opening]:
     """Gaps that no horizontal cut shows: between solids of which one hangs over the other."""
-    for a, b in combinations((*outline.obstacles, WALL), 2):
+    walls = (WALL,) if outline.measure.axial else (WALL, AXIS)
+    for a, b in combinations((*outline.obstacles, *walls), 2):
         if outline.groups.joined(a, b):
             continue
         gap, on_a, on_b = closest_approach(_border(outline, a), _border(outline, b))
         ends = np.array([on_a, on_b])
         if gap < known.get(frozenset((a, b)), np.inf) * (1 - 1e-6) and _is_slit(outline, ends, gap, {a, b}):
             r_inner, r_outer = sorted(ends[:, 0])
-            area = float(np.pi * (r_inner + r_outer) * gap)
+            length = _length(outline, float(r_inner), float(r_outer))
             required = outline.groups.bridged_by(a, b)
             z = float(ends[:, 1].mean())
-            yield Opening(_gap_name(a, b), z, float(r_inner), float(r_outer), gap, area, required, obstacle_key(a))
+            name, key = ("gap between the walls", RIGHT_KEY) if a == WALL else (_gap_name(a, b), obstacle_key(a))
+            yield Opening(name, z, float(r_inner), float(r_outer), gap, length * gap, required, key, length)
 
 
 def _is_slit(outline: Outline, ends: Array, gap: float, pair: set[str]) -> bool:
     """Whether nothing else stands between the ends and the free space about them is wider than the gap."""
-    others = {WALL, *outline.obstacles} - pair
+    others = {WALL, *outline.obstacles, *(() if outline.measure.axial else (AXIS,))} - pair
     if any(crosses(ends[None], _border(outline, other)).any() for other in others):
         return False
     r, z = ends.mean(axis=0)
-    widths = [(2 * r1 if r0 == 0 else r1 - r0) for r0, r1 in outline.intervals(z) if r0 <= r <= r1]
+    axial = outline.measure.axial
+    widths = [(2 * r1 if axial and r0 == 0 else r1 - r0) for r0, r1 in outline.intervals(z) if r0 <= r <= r1]
     return bool(widths) and gap < widths[0]

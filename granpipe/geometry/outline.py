@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granpipe.errors import CaseError
 from granpipe.field import ROUND, Array, Grid, Mask, Measure
 from granpipe.geometry.contacts import AXIS, WALL, Groups, touching_groups
 from granpipe.geometry.edges import Edges, Side
@@ -88,8 +87,6 @@ class Outline:
         CaseError : the outline is not one of a vessel
         """
         spec = case.outline
-        if spec.symmetry == "plane":
-            raise CaseError("a plane vessel cannot be computed yet", ("outline", "symmetry"))
         return cls.of(spec.right_wall, spec.obstacles, spec.sections, spec.left, spec.depth)
 
     @property
@@ -116,6 +113,16 @@ class Outline:
     def outlet_width(self) -> float:
         """Diameter, or width of the slot [m]."""
         return 2 * self.outlet_radius if self.measure.axial else float(self.wall[-1, 0] - self.left[-1, 0])
+
+    @property
+    def width(self) -> float:
+        """Largest diameter, or distance in x between the outermost points of a slab [m]."""
+        return 2 * self.r_max if self.measure.axial else self.r_max - self.r_min
+
+    @property
+    def levels(self) -> Array:
+        """(n,) heights of the corners of the walls, from the top down [m]."""
+        return np.unique(self.border[:, 1])[::-1]
 
     @property
     def halves(self) -> tuple[Outline, ...]:

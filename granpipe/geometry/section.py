@@ -1,4 +1,4 @@
-"""Outline → triangle mesh of the r–z half section, by gmsh, graded to the corners of the wall."""
+"""Outline → triangle mesh of the r–z half section, or of a slab by x and z, by gmsh, graded to the corners."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granpipe.errors import MeshError
-from granpipe.field import Array
+from granpipe.field import ROUND, Array, Measure
 from granpipe.geometry.element_size import TOLERANCE, element_size
 from granpipe.geometry.polyline import distance_to, edges_of, enclosed, nearest_points
 from granpipe.rzmesh import Index, Names, RZMesh
@@ -24,18 +24,23 @@ def mesh_section(
     corner_refinement: float = 10.0,
     bands: Sequence[tuple[float, float, float]] = (),
     outlet_radii: Sequence[float] = (),
+    left: Array | None = None,
+    measure: Measure = ROUND,
 ) -> RZMesh:
-    """Mesh the space between axis, wall and obstacles.
+    """Mesh the space between axis or left wall, wall and obstacles.
 
     Parameters
     ----------
     wall : (n, 2) r and z of the wall from the top down [m]
     obstacles : closed polygons (m, 2) [m]; they may lie on the wall, on the axis or be free rings
     sections : upper and lower end of each section [m]
-    cells_across : elements from the axis to the wall, away from corners; half as many fit between two walls
+    cells_across : elements from the axis to the wall, away from corners; half as many fit between two walls, and twice
+        as many across a slab: as many as across a round vessel
     corner_refinement : how much smaller the elements at corners are
     bands : lower end, upper end and largest element of ranges that a known flow needs to be fine [m]
     outlet_radii : where the outflow jumps, as at the edges of an annular outlet [m]
+    left : (n, 2) x and z of the left wall of a slab, from the top down [m]
+    measure : what the section stands for
 
     Returns
     -------
@@ -45,11 +50,20 @@ def mesh_section(
     ------
     MeshError : gmsh cannot mesh the section
     """
-    scale = 2.0 ** np.round(np.log2(wall[:, 0].max()))  # a power of two: scaling loses no digit
-    heights = _law_heights(wall, obstacles, sections)
+    if left is None:
+        left, origin = wall[[0, -1]] * [0.0, 1.0], np.zeros(2)
+    else:  # far from x = 0 lengths would lose digits
+        origin, cells_across = np.array([left[:, 0].min(), 0.0]), 4 * cells_across
+    sides = [(chain - origin) for chain in (wall, left)]
+    rings = {name: ring - origin for name, ring in obstacles.items()}
+    scale = 2.0 ** np.round(np.log2(sides[0][:, 0].max()))  # a power of two: scaling loses no digit
+    heights = _law_heights(sides, rings, sections)
+    sides = [_with_heights(chain, heights, sides[0][:, 0].max()) / scale for chain in sides]
     drawing = _Drawing(
-        _with_heights(wall, heights) / scale,
-        {name: ring / scale for name, ring in obstacles.items()},
+        sides[0],
+        sides[1],
+        measure.axial,
+        {name: ring / scale for name, ring in rings.items()},
         {name: (top / scale, bottom / scale) for name, (top, bottom) in sections.items()},
         heights / scale,
         np.sort(np.asarray(outlet_radii, dtype=float))[::-1] / scale,
@@ -59,7 +73,7 @@ def mesh_section(
     edges = _boundary(triangles)
     names = drawing.names(points[edges].mean(axis=1))
     points[edges[names == "axis"], 0] = 0.0
-    return RZMesh(points * scale, triangles, edges, names)
+    return RZMesh(points * scale + origin, triangles, edges, names, measure)
 
 
 @dataclass(frozen=True)
@@ -67,6 +81,8 @@ class _Drawing:
     """The outline in units of the vessel's size; it knows what every boundary point belongs to."""
 
     wall: Array
+    left: Array
+    axial: bool
     obstacles: Mapping[str, Array]
     sections: Mapping[str, tuple[float, float]]
     law_heights: Array
@@ -74,11 +90,14 @@ class _Drawing:
 
     def names(self, points: Array) -> Names:
         """(n,) what each boundary point (n, 2) belongs to."""
-        piece = nearest_points(points, edges_of(self.wall))[0].argmin(axis=1)
+        walls = [edges_of(self.wall)] if self.axial else [edges_of(self.wall), edges_of(self.left)]
+        piece = nearest_points(points, np.concatenate(walls))[0].argmin(axis=1)
         names = np.array([self._wall_name(i, z) for i, z in zip(piece, points[:, 1], strict=True)], dtype="U80")
-        for name, (radius, z) in {"inlet": self.wall[0], "outlet": self.wall[-1]}.items():
-            names[(np.abs(points[:, 1] - z) < TOLERANCE) & (points[:, 0] < radius)] = name
-        names[points[:, 0] < TOLERANCE] = "axis"
+        for name, end in {"inlet": 0, "outlet": -1}.items():
+            (left, z), (right, _) = self.left[end], self.wall[end]
+            names[(np.abs(points[:, 1] - z) < TOLERANCE) & (points[:, 0] > left) & (points[:, 0] < right)] = name
+        if self.axial:
+            names[points[:, 0] < TOLERANCE] = "axis"
         for name, ring in self.obstacles.items():
             names[distance_to(points, edges_of(ring, closed=True)) < TOLERANCE] = f"obstacle:{name}"
         return names
@@ -90,16 +109,18 @@ class _Drawing:
         return f"wall:{piece + 1}"
 
 
-def _law_heights(wall: Array, obstacles: Mapping[str, Array], sections: Mapping[str, tuple[float, float]]) -> Array:
+def _law_heights(
+    walls: Sequence[Array], obstacles: Mapping[str, Array], sections: Mapping[str, tuple[float, float]]
+) -> Array:
     """(n,) heights where the wall's speed may jump [m]: ends of sections; level edges, where the free area jumps."""
-    sides = np.concatenate([edges_of(wall), *(edges_of(ring, closed=True) for ring in obstacles.values())])
+    sides = np.concatenate([*map(edges_of, walls), *(edges_of(ring, closed=True) for ring in obstacles.values())])
     level = sides[:, 0, 1] == sides[:, 1, 1]
     return np.unique([*sides[level, 0, 1], *(z for ends in sections.values() for z in ends)])
 
 
-def _with_heights(wall: Array, heights: Array) -> Array:
-    """The wall with a point wherever it crosses one of the heights."""
-    near = TOLERANCE * wall[:, 0].max()
+def _with_heights(wall: Array, heights: Array, size: float) -> Array:
+    """The wall with a point wherever it crosses one of the heights; `size` is that of the vessel [m]."""
+    near = TOLERANCE * size
     points = [wall[0]]
     for start, end in edges_of(wall):
         part = (heights[heights != start[1]] - start[1]) / (end[1] - start[1]) if end[1] != start[1] else np.empty(0)
@@ -139,10 +160,10 @@ def _way_through(drawing: _Drawing) -> tuple[int, Array]:
     """gmsh's face that joins inlet and outlet, and its boundary (k, 2, 2) with the inside on the left."""
     import gmsh
 
-    (top, bottom), radii = drawing.wall[[0, -1], 1], drawing.outlet_radii
+    bottom, radii = drawing.wall[-1, 1], drawing.outlet_radii
     radii = radii[(radii > TOLERANCE) & (radii < drawing.wall[-1, 0] - TOLERANCE)]
     outlet = np.stack([radii, np.full(len(radii), bottom)], axis=1)
-    shell = _polygon(np.vstack([[[0.0, top]], drawing.wall, outlet, [[0.0, bottom]]]))
+    shell = _polygon(np.vstack([drawing.left[:1], drawing.wall, outlet, drawing.left[:0:-1]]))
     if drawing.obstacles:
         gmsh.model.occ.cut([(2, shell)], [(2, _polygon(ring)) for ring in drawing.obstacles.values()])
     gmsh.model.occ.synchronize()

@@ -41,6 +41,8 @@ def planned(plan: Plan) -> Planned:
     repose = bulk_friction(plan.case).repose
     return Planned(
         wall=outline.wall,
+        left=outline.left,
+        axial=outline.measure.axial,
         obstacles=outline.obstacles,
         sections={n: (s.z_top, s.z_bottom, simulated(s.z_top, s.z_bottom)) for n, s in ranges.items()},
         openings={one.name: (one.z, one.r_inner, one.r_outer) for one in find_openings(outline)},

@@ -24,8 +24,8 @@ COHESIVE = 30e-6
 def doubts(case: Case, outline: Outline) -> Iterator[str]:
     """Questions to the author of a case, as notes."""
     height = outline.z_top - outline.z_bottom
-    size = f"the vessel is {height:.3g} m high and {2 * outline.r_max:.3g} m wide"
-    if (hint := unit_hint(case, outline)) or max(outline.r_max, height) >= LARGE_VESSEL:
+    size = f"the vessel is {height:.3g} m high and {outline.width:.3g} m wide"
+    if (hint := unit_hint(case, outline)) or max(0.5 * outline.width, height) >= LARGE_VESSEL:
         yield f"{size}{hint or '; is outline.unit right?'}"
     largest = 2 * size_classes(case.material.size).largest
     if largest < COHESIVE:
@@ -42,9 +42,9 @@ def unit_hint(case: Case, outline: Outline) -> str:
     """A question where coordinates in mm may have been read as metres or the reverse; otherwise nothing."""
     if outline.z_top - outline.z_bottom < SMALL_VESSEL:
         return "; is outline.unit right?"
-    if "unit" in case.outline.model_fields_set or max(outline.r_max, abs(outline.z_top)) < LARGE_VESSEL:
+    if "unit" in case.outline.model_fields_set or max(0.5 * outline.width, abs(outline.z_top)) < LARGE_VESSEL:
         return ""
-    return f"; the vessel is {outline.r_max:g} m in radius: did you mean outline.unit: mm?"
+    return f"; the vessel is {outline.width:g} m wide: did you mean outline.unit: mm?"
 
 
 def size_hint(case: Case, outline: Outline) -> str:

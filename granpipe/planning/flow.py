@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
+
 from granpipe.case.schema import Case
 from granpipe.dem.settings import BEVERLOO_SHARE, MOST_BEVERLOO, PACKING, Opening, free_flow
 from granpipe.dem.sizes import size_classes
@@ -74,28 +76,31 @@ def free_discharge(outline: Outline, opening: Opening, particle: float) -> FreeF
     if opening.required:
         return FreeFlow(opening.name, free_flow(opening, particle) * _cone_factor(outline, opening))
     sides: tuple[Side, ...] = ("above", "below")  # of the level at which an obstacle may begin or end
-    cuts = [[_interval(opening, r0, r1) for r0, r1 in outline.intervals(opening.z, side)] for side in sides]
+    cuts = [[_interval(outline, opening, r0, r1) for r0, r1 in outline.intervals(opening.z, side)] for side in sides]
     least = min(sum(free_flow(one, particle) for one in cut) for cut in cuts)
     return FreeFlow(f"openings at the level of the {opening.name}", least)
 
 
-def _interval(opening: Opening, r0: float, r1: float) -> VesselOpening:
-    gap = 2 * r1 if r0 == 0 else r1 - r0
-    area = math.pi * (r1**2 - r0**2)
-    return VesselOpening(opening.name, opening.z, r0, r1, gap, area, False, opening.key)
+def _interval(outline: Outline, opening: Opening, r0: float, r1: float) -> VesselOpening:
+    axial = outline.measure.axial
+    round_axis = axial and r0 == 0
+    gap = 2 * r1 if round_axis else r1 - r0
+    area = float(outline.measure.area(np.array(r0), np.array(r1)))
+    length = None if round_axis else math.pi * (r0 + r1) if axial else outline.measure.turn
+    return VesselOpening(opening.name, opening.z, r0, r1, gap, area, False, opening.key, length)
 
 
 def _cone_factor(outline: Outline, opening: Opening) -> float:
     """How much more falls through an opening below a cone than through one in a flat bottom.
 
     (tan α)^−0.35 of the half-angle α below 45°, at most `MOST_BEVERLOO`. Source: Rose & Tanaka (1959) in the form of
-    Nedderman (1992), with a stagnant zone at 45°.
+    Nedderman (1992), with a stagnant zone at 45°. For slots there is no such law: 1, which is on the safe side.
     """
     narrowing = [
         math.atan2(r0 - r1, z0 - z1)
         for (r0, z0), (r1, z1) in pairwise(outline.wall.tolist())
         if r1 < r0 and z1 >= opening.z - outline.tolerance
     ]
-    if opening.r_inner > 0 or not narrowing:
+    if opening.length is not None or not narrowing:
         return 1.0
     return float(max(1.0, min(MOST_BEVERLOO, math.tan(narrowing[-1]) ** -0.35)))

@@ -11,7 +11,7 @@ from granpipe.case.schema import Case
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, check_gap, choose
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError, MeshError
-from granpipe.field import Grid, section_rows
+from granpipe.field import Box, Grid, section_rows
 from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
@@ -19,6 +19,7 @@ from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
 from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
 from granpipe.planning.doubts import doubts, size_hint, unit_hint
 from granpipe.planning.flow import check_flow_rate
+from granpipe.planning.plane import check_model, check_plane, depth_note
 from granpipe.planning.sections import section_needs, section_ranges
 from granpipe.planning.submodel import Span, spans, sub_case
 from granpipe.planning.wall_factors import wall_factor_decisions
@@ -192,6 +193,7 @@ class _Scene:
 
     def __init__(self, case: Case, cores: int) -> None:
         self.case, self.cores = case, cores
+        check_plane(case)
         self.outline = Outline.from_case(case)
         self.openings = find_openings(self.outline)
         self.needs = section_needs(case, self.outline)
@@ -203,6 +205,13 @@ class _Scene:
         by_dem = {name for name, need in self.needs.items() if need.model == "dem"}
         if not by_dem:
             return "fluid"
+        if self.case.outline.symmetry == "plane":
+            name = next(iter(name for name in self.needs if name in by_dem))
+            raise CaseError(
+                f"section {name} needs particles ({self.needs[name].reason}), which are simulated in bodies of "
+                "revolution only; model: fluid computes it all the same, where no floor is in the way, and marks it",
+                ("outline", "symmetry"),
+            )
         if by_dem == set(self.needs) or not by_dem <= set(self.outline.sections):
             return "dem"
         hybrid, dem = self.plan("hybrid"), self.plan("dem")
@@ -210,6 +219,7 @@ class _Scene:
 
     def plan(self, model: Model) -> Plan:
         """The plan of one model."""
+        check_model(self.case, model)
         return {"fluid": self._fluid, "dem": self._dem, "hybrid": self._hybrid}[model]()
 
     def _fluid(self) -> Plan:
@@ -463,7 +473,12 @@ class _Scene:
             stages=tuple(stages),
             left_out=tuple(left),
             decisions=(),
-            notes=(*doubts(self.case, self.outline), *self._coarse(grid), *(notes or ())),
+            notes=(
+                *filter(None, [depth_note(self.case)]),
+                *doubts(self.case, self.outline),
+                *self._coarse(grid),
+                *(notes or ()),
+            ),
             particle_steps=0.0,
             seconds=seconds,
             disk_bytes=0.0,
@@ -484,7 +499,12 @@ class _Scene:
         outline = self.outline
         size = cell if given == "auto" else float(given)
         try:
-            return Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, size)
+            if outline.measure.axial:
+                return Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, size)
+            depth = (0.0, outline.measure.turn)
+            return Box.within(
+                (outline.r_min, outline.r_max), depth, (outline.z_bottom, outline.z_top), size, True, True
+            )
         except CaseError as error:
             raise self._with_hint(error) from None
 

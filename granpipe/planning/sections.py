@@ -139,16 +139,18 @@ def _disturbs(floor: Floor, outline: Outline, section: Section) -> bool:
 
 
 def _levels(outline: Outline, section: Section) -> list[float]:
-    return [section.z_top, *(float(z) for z in outline.wall[:, 1] if section.z_bottom < z < section.z_top)]
+    return [section.z_top, *(float(z) for z in outline.levels if section.z_bottom < z < section.z_top)]
 
 
 def _slopes(outline: Outline, section: Section) -> list[float]:
-    return [float(outline.wall_slope(z, "below")) for z in _levels(outline, section)]
+    """Outward slopes of all walls below the corners in a section."""
+    return [float(half.wall_slope(z, "below")) for half in outline.halves for z in _levels(outline, section)]
 
 
 def _widens(outline: Outline, section: Section) -> bool:
     ledge = any(
-        outline.wall_radius(z, "below") > outline.wall_radius(z, "above") + outline.tolerance
+        half.wall_radius(z, "below") > half.wall_radius(z, "above") + outline.tolerance
+        for half in outline.halves
         for z in _levels(outline, section)
     )
     return ledge or min(_slopes(outline, section)) < 0
@@ -157,6 +159,8 @@ def _widens(outline: Outline, section: Section) -> bool:
 def _regime(case: Case, section: Section, half_angle: float) -> tuple[Regime, str]:
     """How a hopper flows, and by what."""
     material, said = case.material, section.regime
+    if case.outline.symmetry == "plane":
+        return said or "undecided", "the case says so" if said else "outline.sections.….regime is not given"
     if material.internal_friction_angle is not None and material.wall_friction_angle is not None:
         computed, jenike = hopper_regime(half_angle, material.internal_friction_angle, material.wall_friction_angle)
         return said or computed, f"the case says so, Jenike {computed}: {jenike}" if said else jenike
@@ -170,6 +174,13 @@ def _floors(case: Case, outline: Outline) -> Iterator[Floor]:
 
     Those that together are narrower than the radius of the smallest particle hold none and are left out.
     """
+    sides = ("wall",) if outline.measure.axial else ("right", "left")
+    for half, side in zip(outline.halves, sides, strict=True):
+        yield from _floors_of(case, half, side)
+
+
+def _floors_of(case: Case, outline: Outline, side: str) -> Iterator[Floor]:
+    """Those of the right wall; `side` is its key."""
     wall = [(float(r), float(z)) for r, z in outline.wall]
     level = [r1 < r0 and math.atan2(r0 - r1, z0 - z1) > FLATTEST_HOPPER for (r0, z0), (r1, z1) in pairwise(wall)]
     widths = [r0 - r1 for ((r0, _), (r1, _)), flat in zip(pairwise(wall), level, strict=True) if flat]
@@ -181,8 +192,13 @@ def _floors(case: Case, outline: Outline) -> Iterator[Floor]:
         (r0, z0), (r1, z1) = wall[start], wall[end]
         where = f"at z = {z1:.4g} m" if z0 - z1 <= outline.tolerance else f"from z = {z0:.4g} to {z1:.4g} m"
         kind = "the ledge" if z0 - z1 <= outline.tolerance else "the floor"
-        text = f"{kind} {where}, which narrows the radius from {r0:.4g} to {r1:.4g} m"
-        yield Floor(z0, z1, _reach(outline, r0, z0), text, ("outline", "wall", end), certain=True)
+        narrows = (
+            f"the radius from {r0:.4g} to {r1:.4g} m"
+            if side == "wall"
+            else f"the vessel on the {side} by {r0 - r1:.4g} m"
+        )
+        text = f"{kind} {where}, which narrows {narrows}"
+        yield Floor(z0, z1, _reach(outline, r0, z0), text, ("outline", side, end), certain=True)
 
 
 def _funnel_hoppers(case: Case, outline: Outline) -> Iterator[Floor]:
@@ -197,5 +213,12 @@ def _funnel_hoppers(case: Case, outline: Outline) -> Iterator[Floor]:
 
 def _reach(outline: Outline, radius: float, z: float) -> float:
     """Level up to which a funnel below z disturbs the flow [m]: no further than the next widening above it."""
-    widenings = [z1 for (r0, _), (r1, z1) in pairwise(outline.wall.tolist()) if r1 > r0 and z1 >= z - outline.tolerance]
+    if not outline.measure.axial:
+        radius = 0.5 * (radius + float(outline.mirrored().wall_radius(z, "above")))
+    widenings = [
+        z1
+        for half in outline.halves
+        for (r0, _), (r1, z1) in pairwise(half.wall.tolist())
+        if r1 > r0 and z1 >= z - outline.tolerance
+    ]
     return float(min([z + FUNNEL_REACH * radius, *widenings]))

@@ -19,15 +19,17 @@ def vessel_text(outline: Outline) -> str:
     openings = find_openings(outline)
     lines = [
         f"height    {outline.z_top - outline.z_bottom:.6g} m, from z = {outline.z_bottom:.6g} to {outline.z_top:.6g} m",
-        f"inlet     {_diameter(outline.inlet_radius)}",
-        f"widest    {_diameter(outline.r_max)}",
-        f"outlet    {_diameter(outline.outlet_radius)}",
-        f"volume    {outline.volume():.6g} m³",
+        f"inlet     {_ends(outline, 0)}",
+        f"widest    {'⌀ ' if outline.measure.axial else ''}{outline.width:.6g} m",
+        f"outlet    {_ends(outline, -1)}",
+        f"volume    {outline.volume():.6g} m³"
+        + ("" if outline.measure.axial else f", {outline.measure.turn:g} m deep"),
         *(f"opening   {one.name} at z = {one.z:.6g} m: a sphere of {one.gap:.6g} m passes" for one in openings),
     ]
     for name, polygon in outline.obstacles.items():
         (r0, z0), (r1, z1) = polygon.min(axis=0), polygon.max(axis=0)
-        lines.append(f"obstacle  {name}: r = {r0:.6g} … {r1:.6g} m, z = {z0:.6g} … {z1:.6g} m")
+        across = "r" if outline.measure.axial else "x"
+        lines.append(f"obstacle  {name}: {across} = {r0:.6g} … {r1:.6g} m, z = {z0:.6g} … {z1:.6g} m")
     return "\n".join(lines)
 
 
@@ -58,8 +60,10 @@ def outline_yaml(unit: str, wall: Array, obstacles: Mapping[str, Array]) -> str:
     return yaml.safe_dump({"outline": data}, sort_keys=False, default_flow_style=None, width=110, allow_unicode=True)
 
 
-def _diameter(radius: float) -> str:
-    return f"⌀ {2 * radius:.6g} m"
+def _ends(outline: Outline, end: int) -> str:
+    """Diameter of the inlet (0) or outlet (−1), or where a slab begins and ends there."""
+    left, right = outline.left[end, 0], outline.wall[end, 0]
+    return f"⌀ {2 * right:.6g} m" if outline.measure.axial else f"{right - left:.6g} m, x = {left:.6g} … {right:.6g} m"
 
 
 def _rows(points: Array) -> Sequence[Sequence[float]]:

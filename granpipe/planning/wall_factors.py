@@ -9,6 +9,7 @@ from typing import NamedTuple
 from granpipe.case.outline import Section
 from granpipe.case.schema import Case
 from granpipe.dem.settings import Decision
+from granpipe.errors import CaseError
 from granpipe.fluid.wall_factor import wall_factor_law
 from granpipe.geometry.outline import Outline
 
@@ -34,14 +35,24 @@ def wall_friction(case: Case) -> WallFriction:
 
 
 def wall_factor_decisions(case: Case, outline: Outline, sections: Mapping[str, Section]) -> Iterator[Decision]:
-    """One decision for each of the sections that has a converging wall."""
+    """One decision for each of the sections that has a converging wall.
+
+    Raises
+    ------
+    CaseError : a slab's is missing, for which there is no law
+    """
     if case.fluid.walls == "slip":
         return
     law, friction = wall_factor_law(), wall_friction(case)
     for name, section in sections.items():
-        corners = (float(z) for z in outline.wall[:, 1] if section.z_bottom < z < section.z_top)
-        angle = max(math.atan(float(outline.wall_slope(z, "below"))) for z in (section.z_top, *corners))
+        corners = [z for z in outline.levels if section.z_bottom < z < section.z_top]
+        slopes = [half.wall_slope([section.z_top, *corners], "below").max() for half in outline.halves]
+        angle = math.atan(max(slopes))
         if angle <= 0:
+            continue
+        label = f"wall factor {'of section ' * (name in case.outline.sections)}{name}"
+        if not outline.measure.axial:
+            yield _of_a_slab(name, label, section, angle)
             continue
         fitted = law.factor(angle, friction.value)
         factor = fitted if section.wall_factor is None else section.wall_factor
@@ -54,8 +65,20 @@ def wall_factor_decisions(case: Case, outline: Outline, sections: Mapping[str, S
         if not law.covers(angle):
             notes.append(f"no cone as flat as {math.degrees(angle):.0f}° was measured")
         yield Decision(
-            f"wall factor {'of section ' * (name in case.outline.sections)}{name}",
+            label,
             f"{factor:.2g}",
             f"{source}; {wall}; expect an error of about {error:.0%} of the velocity there",
             warning="; ".join(notes),
         )
+
+
+def _of_a_slab(name: str, label: str, section: Section, angle: float) -> Decision:
+    tilt = f"{math.degrees(angle):.1f}° from the vertical"
+    if section.wall_factor is None:
+        raise CaseError(
+            f"missing for the walls of section {name}, {tilt}; the law of wall factors was fit to cones, and there is "
+            "none for a slab: give 1 for solids that slide like a plug, less for rough walls",
+            ("outline", "sections", name, "wall_factor"),
+        )
+    criterion = f"the case says so; {tilt}, both walls alike; no law was fit to slabs, and the error is not known"
+    return Decision(label, f"{section.wall_factor:.2g}", criterion)

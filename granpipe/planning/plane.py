@@ -1,0 +1,57 @@
+"""What a slab, `outline.symmetry: plane`, cannot have: refused in one place, before anything is computed."""
+
+from __future__ import annotations
+
+from granpipe.case.schema import Case
+from granpipe.errors import CaseError
+
+EXPORTS = ("comsol", "vtk", "netcdf")
+"""Formats that are made for x and z."""
+
+
+def check_plane(case: Case, by_dumps: bool = False) -> None:
+    """Make sure that what a case asks for can be had in its vessel.
+
+    Parameters
+    ----------
+    by_dumps : whether the flow comes from dumps of another simulation; no model is needed then
+
+    Raises
+    ------
+    CaseError : a slab is to have what only a body of revolution can
+    """
+    if case.outline.symmetry == "axis":
+        return
+    if not by_dumps:
+        check_model(case, case.model)
+        if case.fluid.rheology != "viscous":
+            raise CaseError("a slab is computed as a viscous fluid only; leave it out", ("fluid", "rheology"))
+        if case.fluid.annulus is not None:
+            raise CaseError("an annular outlet needs an axis; a slab has none", ("fluid", "annulus"))
+    elif case.homogenize.method != "psi":
+        raise CaseError("in a slab only psi is possible", ("homogenize", "method"))
+    if others := [name for name in case.export if name not in EXPORTS]:
+        raise CaseError(f"{others[0]} is made for r and z only; in a slab choose of {', '.join(EXPORTS)}", ("export",))
+    if fields := [name for name in case.homogenize.fields if name != "residence_time"]:
+        raise CaseError(f"{fields[0]} is summed on rings only; leave it out in a slab", ("homogenize", "fields"))
+
+
+def check_model(case: Case, model: str) -> None:
+    """Make sure that the vessel can have a model.
+
+    Raises
+    ------
+    CaseError : particles are asked for in a slab
+    """
+    if case.outline.symmetry == "plane" and model in ("dem", "hybrid"):
+        raise CaseError(
+            f"{model} needs particles, which are simulated in bodies of revolution only; a slab is computed as a "
+            "viscous fluid (model: fluid), or averaged from your own dumps (granpipe homogenize --plane xz)",
+            ("model",),
+        )
+
+
+def depth_note(case: Case) -> str:
+    """What the flow rate of a slab is that of; empty for a body of revolution."""
+    depth = case.outline.depth
+    return "" if depth is None else f"flow_rate: {case.flow_rate} is that of the whole depth of {depth:g} m"
