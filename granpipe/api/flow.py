@@ -247,7 +247,9 @@ class Flow:
         from granpipe.export.pictures import overview
 
         stream = BytesIO()
-        overview(self.stored, *self._vessel).savefig(stream, format="png", dpi=80)
+        overview(self.stored, *self._vessel, left=None if self.outline is None else self.outline.left_wall).savefig(
+            stream, format="png", dpi=80
+        )
         return stream.getvalue()
 
     @property

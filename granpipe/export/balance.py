@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granpipe.export.nodes import Nodes, cell_sum, open_part
-from granpipe.field import Array, Field, level_flow
+from granpipe.field import Array, Field, Measure, level_flow
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Balance:
 def balance_of(field: Field, nodes: Nodes) -> Balance:
     """Measure the balance of what is exported."""
     flow_rate = field.bulk_flow * field.flow_scale
-    segments = -_ring_flow(nodes) * open_part(field, 0)
+    segments = -_level_flow(nodes, field.grid.measure) * open_part(field, 0)
     solid = np.pad(nodes.cells, ((1, 0), (0, 0))) | np.pad(nodes.cells, ((0, 1), (0, 0)))
     whole = nodes.cells & (field.inside_fraction == 1)
     divergence = interpolated_divergence(nodes)[whole]
@@ -60,17 +60,21 @@ def balance_of(field: Field, nodes: Nodes) -> Balance:
 
 
 def interpolated_divergence(nodes: Nodes) -> Array:
-    """(nz, nr) (1/r)∂(ru)/∂r + ∂w/∂z of the bilinear bulk velocity at the centres of the cells [1/s]."""
+    """(nz, nr) (1/r)∂(ru)/∂r + ∂w/∂z of the bilinear bulk velocity at the centres of the cells [1/s]; ∂u/∂x with no axis."""
     dr, dz = np.diff(nodes.r), np.diff(nodes.z)[:, None]
     u, w = nodes.bulk_u, nodes.bulk_w
     du_dr = 0.5 * (np.diff(u, axis=1)[:-1] + np.diff(u, axis=1)[1:]) / dr
     dw_dz = 0.5 * (np.diff(w, axis=0)[:, :-1] + np.diff(w, axis=0)[:, 1:]) / dz
+    if not nodes.axial:
+        return np.asarray(du_dr + dw_dz)
     centre = 0.5 * (nodes.r[1:] + nodes.r[:-1])
     return np.asarray(0.25 * cell_sum(u) / centre + du_dr + dw_dz)
 
 
-def _ring_flow(nodes: Nodes) -> Array:
-    """(nz+1, nr) ∫ 2πr w dr between neighbouring nodes, w linear in r [m³/s]."""
+def _level_flow(nodes: Nodes, measure: Measure) -> Array:
+    """(nz+1, nr) ∫ 2πr w dr, or depth × ∫ w dx, between neighbouring nodes, w linear [m³/s]."""
     r0, r1 = nodes.r[:-1], nodes.r[1:]
     w0, w1 = nodes.bulk_w[:, :-1], nodes.bulk_w[:, 1:]
+    if not measure.axial:
+        return np.asarray(measure.turn * (r1 - r0) * 0.5 * (w0 + w1))
     return np.asarray(np.pi / 3 * (r1 - r0) * (w0 * (2 * r0 + r1) + w1 * (r0 + 2 * r1)))

@@ -137,6 +137,8 @@ def _program(template: str, exported: Exported, sections: list[Column]) -> str:
             version=__version__,
             functions=sections,
             conserving=exported.field.psi is not None,
+            axial=exported.nodes.axial,
+            depth=number(exported.field.grid.measure.turn),
             flow_rate=number(exported.flow_rate),
             reference_density=number(exported.reference_density),
             solids_density=number(exported.solids_density),

@@ -45,6 +45,7 @@ def rz_figures(
     folder: Path,
     sections: Levels | None = None,
     name: str = "",
+    left: Polygon | None = None,
 ) -> list[Path]:
     """Draw a field at the flow rate of the case into an existing folder; return the files.
 
@@ -57,14 +58,15 @@ def rz_figures(
     obstacles : closed polygons (r, z) [m] by name
     sections : to be named at the side
     name : of the case, for the title
+    left : the left wall of a slab
     """
     title = field_title(name, field)
-    figures = {"rz_field.png": overview(field, wall, obstacles, sections, title)}
+    figures = {"rz_field.png": overview(field, wall, obstacles, sections, title, left)}
     if field.bulk_flow:  # a bed at rest has no flow to compare with
-        figures["rz_flow.png"] = _flow_figure(field, wall, obstacles, sections, title)
+        figures["rz_flow.png"] = _flow_figure(field, wall, obstacles, sections, title, left)
     names = [*_known_panels(field), *(["error"] if nodal_errors(field) is not None else [])]
     names += [name for name in _REQUESTED if name in field.extra]
-    figures |= {f"rz_{one}.png": panel_figure(field, one, wall, obstacles, sections) for one in names}
+    figures |= {f"rz_{one}.png": panel_figure(field, one, wall, obstacles, sections, left) for one in names}
     with own_style(STYLE):
         for file, figure in figures.items():
             figure.savefig(folder / file, dpi=DPI)
@@ -125,6 +127,7 @@ def overview(
     obstacles: Mapping[str, Polygon],
     sections: Levels | None = None,
     title: str = "",
+    left: Polygon | None = None,
 ) -> Figure:
     """Panels side by side: packing where known, radial and vertical bulk velocity, streamlines.
 
@@ -133,13 +136,14 @@ def overview(
     wall : (r, z) of the outer wall from the top down [m]
     obstacles : closed polygons (r, z) [m] by name
     sections : to be named at the side of the first panel
+    left : the left wall of a slab
     """
     names = _known_panels(field)
     with own_style(STYLE):
         tall, wide = _panel_size(np.asarray(wall), field)
         figure, axes = _sheet([wide] * len(names), tall, title)
         for axis, name in zip(axes, names, strict=True):
-            draw_panel(axis, field, name, wall, obstacles, labelled=axis is axes[0])
+            draw_panel(axis, field, name, wall, obstacles, axis is axes[0], left)
         _name_sections(axes[0], sections or {})
     return figure
 
@@ -150,7 +154,12 @@ def _known_panels(field: Field) -> list[str]:
 
 
 def panel_figure(
-    field: Field, what: str, wall: Polygon, obstacles: Mapping[str, Polygon], sections: Levels | None
+    field: Field,
+    what: str,
+    wall: Polygon,
+    obstacles: Mapping[str, Polygon],
+    sections: Levels | None,
+    left: Polygon | None = None,
 ) -> Figure:
     """One of `PANELS` as a picture of its own, which is readable on a phone; arguments as for `overview`.
 
@@ -161,7 +170,7 @@ def panel_figure(
     with own_style(STYLE):
         tall, wide = _panel_size(np.asarray(wall), field)
         figure, (axis,) = _sheet([wide], tall)
-        draw_panel(axis, field, what, wall, obstacles)
+        draw_panel(axis, field, what, wall, obstacles, left=left)
         _name_sections(axis, sections or {})
     return figure
 
@@ -193,7 +202,13 @@ def _name_sections(axis: Axes, sections: Levels) -> None:
 
 
 def draw_panel(
-    axis: Axes, field: Field, what: str, wall: Polygon, obstacles: Mapping[str, Polygon], labelled: bool = True
+    axis: Axes,
+    field: Field,
+    what: str,
+    wall: Polygon,
+    obstacles: Mapping[str, Polygon],
+    labelled: bool = True,
+    left: Polygon | None = None,
 ) -> None:
     """Draw one quantity at the flow rate of the case, and the vessel round it, into axes of one's own.
 
@@ -201,6 +216,7 @@ def draw_panel(
     ----------
     what : one of `PANELS`
     labelled : whether the heights are to be written
+    left : the left wall of a slab
 
     Raises
     ------
@@ -212,13 +228,18 @@ def draw_panel(
     nodes, corners = nodal_values(field), np.asarray(wall, dtype=float)
     PANELS[what](axis, field, nodes, corners)
     _draw_surface(axis, field, nodes)
-    _clip(axis, corners, float(nodes.r[0]))
-    _draw_vessel(axis, corners, obstacles, nodes)
+    _clip(axis, corners, _left(corners, nodes, left))
+    _draw_vessel(axis, corners, obstacles, nodes, left)
     _lengths(axis, "r" if nodes.axial else "x", "z" if labelled else "")
 
 
 def _flow_figure(
-    field: Field, outline: Polygon, obstacles: Mapping[str, Polygon], sections: Levels | None, title: str
+    field: Field,
+    outline: Polygon,
+    obstacles: Mapping[str, Polygon],
+    sections: Levels | None,
+    title: str,
+    left: Polygon | None,
 ) -> Figure:
     """The vessel with its solids, and beside it the flow through every level, before and after adjustment."""
     nodes, wall = nodal_values(field), np.asarray(outline, dtype=float)
@@ -227,8 +248,8 @@ def _flow_figure(
         figure, (vessel, flows) = _sheet([wide, 3.4], tall, title)
         vessel.pcolormesh(nodes.r, nodes.z, np.where(nodes.cells, 1.0, np.nan), cmap="Greys", vmin=0, vmax=4)
         _draw_surface(vessel, field, nodes)
-        _clip(vessel, wall, float(nodes.r[0]))
-        _draw_vessel(vessel, wall, obstacles, nodes)
+        _clip(vessel, wall, _left(wall, nodes, left))
+        _draw_vessel(vessel, wall, obstacles, nodes, left)
         _lengths(vessel, "r" if nodes.axial else "x", "z")
         _draw_flows(flows, field)
         flows.set_ylim(vessel.get_ylim())
@@ -256,13 +277,24 @@ def _sheet(widths: Sequence[float], tall: float, title: str = "") -> tuple[Figur
     return figure, [figure.add_axes(place) for place in places]
 
 
-def _draw_vessel(axis: Axes, wall: Array, obstacles: Mapping[str, Polygon], nodes: Nodes) -> None:
-    """The outer wall, the obstacles, the axis where there is one; equal scales and little else."""
+def _left(wall: Array, nodes: Nodes, left: Polygon | None) -> Array:
+    """(n, 2) left wall, or the left edge of the grid beside the wall."""
+    if left is not None:
+        return np.asarray(left, dtype=float)
+    return np.stack([np.full(2, nodes.r[0]), wall[[0, -1], 1]], axis=1)
+
+
+def _draw_vessel(
+    axis: Axes, wall: Array, obstacles: Mapping[str, Polygon], nodes: Nodes, left_wall: Polygon | None
+) -> None:
+    """The walls, the obstacles, the axis where there is one; equal scales and little else."""
     left, r_max = float(nodes.r[0]), float(wall[:, 0].max())
     low, high = float(wall[:, 1].min()), float(wall[:, 1].max())
     for corners in obstacles.values():
         axis.fill(*np.transpose(corners), facecolor=STONE, edgecolor=INK, linewidth=0.8, zorder=3)
     axis.plot(*wall.T, color=INK, linewidth=1.4, solid_capstyle="round", clip_on=False, zorder=4)
+    if left_wall is not None:
+        axis.plot(*np.transpose(left_wall), color=INK, linewidth=1.4, solid_capstyle="round", clip_on=False, zorder=4)
     if nodes.axial:
         axis.plot([0, 0], [low, high], color=INK, linewidth=0.6, linestyle=(0, (8, 3, 1, 3)), clip_on=False, zorder=4)
     axis.set(aspect="equal", xlim=(left, r_max), ylim=(low, high))
@@ -324,7 +356,7 @@ def _draw_radial(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     unit, factor = _unit(nodes)
     top = _robust(np.abs(nodes.bulk_u[nodes.solids])) * factor or 1.0
     image = _smooth(axis, nodes, nodes.bulk_u * factor, cmap="RdBu_r", vmin=-top, vmax=top)
-    _bar(axis, image, f"radial velocity [{unit}]", "both")
+    _bar(axis, image, f"{'radial' if nodes.axial else 'horizontal'} velocity [{unit}]", "both")
 
 
 def _draw_vertical(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
@@ -477,11 +509,11 @@ def _smooth(axis: Axes, nodes: Nodes, values: Array, **colours: Any) -> Any:
     )
 
 
-def _clip(axis: Axes, wall: Array, left: float) -> None:
-    """Cut everything drawn so far to the inside of the outer wall."""
+def _clip(axis: Axes, wall: Array, left: Array) -> None:
+    """Cut everything drawn so far to the inside of the walls."""
     from matplotlib.patches import Polygon as Patch
 
-    closed = np.vstack([[left, wall[0, 1]], wall, [left, wall[-1, 1]]])
+    closed = np.vstack([left[:1], wall, left[:0:-1]])
     for artist in axis.collections:
         artist.set_clip_path(Patch(closed, transform=axis.transData))
 

@@ -56,6 +56,7 @@ PANELS = {
         "Time since they came in through the inlet. White where no streamline from the inlet comes by.",
     ),
 }
+_SLAB_PANELS = {"u": ("Horizontal velocity", "Bulk velocity along x; red: to the right, blue: to the left.")}
 FILES = {
     "field.npz": "the field, for Python: `granpipe.load_result`",
     "field.vtu": "the field, for ParaView",
@@ -71,9 +72,9 @@ FILES = {
     "flow.nc": "the field as NetCDF",
     "flow.xdmf": "the field for FEniCSx",
     "streamlines.csv": "streamlines with residence times",
-    "psi_grid.txt": "stream function on r² and z, for COMSOL",
+    "psi_grid.txt": "stream function on r² (x in a slab) and z, for COMSOL",
     "flow_sectionwise.txt": "velocities on triangles of the solids, for COMSOL",
-    "u_grid.txt": "radial velocity on a grid, for COMSOL",
+    "u_grid.txt": "radial (horizontal) velocity on a grid, for COMSOL",
     "w_grid.txt": "vertical velocity on a grid, for COMSOL",
     "phi_grid.txt": "packing on a grid, for COMSOL",
     "flow_spreadsheet.txt": "all quantities as one table, for COMSOL",
@@ -96,6 +97,12 @@ COMSOL_STEPS = (
     "their product is the mass flux.",
     "Check: the surface integral of w_solids over the outlet must be −flow_rate.",
 )
+SLAB_STEPS = {
+    2: "Open flow.mph in COMSOL Desktop: it has a 2D component with the variables u_solids and w_solids. "
+    "Draw or import your geometry in metres; x is that of the case, and y is its z.",
+    4: "Check: the line integral of w_solids over the outlet times depth_ref must be −flow_rate.",
+}
+"""What stands in the place of `COMSOL_STEPS` for a slab."""
 
 
 def write_run_report(folder: Path) -> None:
@@ -288,7 +295,9 @@ def _sections(folder: Path, plan: Data | None, provenance: Data) -> Iterator[Sec
         yield from _settings(plan, provenance)
     yield from _files(folder)
     if (folder / "comsol" / "import_comsol.java").exists():
-        yield Section("Use it in COMSOL", items=COMSOL_STEPS, numbered=True)
+        slab = "depth_m" in provenance.get("field", {})
+        steps = [SLAB_STEPS.get(number, step) for number, step in enumerate(COMSOL_STEPS) if slab] or COMSOL_STEPS
+        yield Section("Use it in COMSOL", items=steps, numbered=True)
     yield _citation(provenance)
     yield _versions(provenance)
 
@@ -296,13 +305,16 @@ def _sections(folder: Path, plan: Data | None, provenance: Data) -> Iterator[Sec
 def _pictures(folder: Path, plan: Data | None, provenance: Data) -> Iterator[Section]:
     case = provenance["case"]
     scale = "at the flow rate of the process" if case else "at the scale of the dumps"
+    slab = "depth_m" in provenance.get("field", {})
+    section = "the section of the slab" if slab else "half of the section through the axis"
+    panels = PANELS | (_SLAB_PANELS if slab else {})
     shown = [
-        Picture(path, f"{title}. {text}", f"{title} in half of the section through the axis.")
-        for name, (title, text) in PANELS.items()
+        Picture(path, f"{title}. {text}", f"{title} in {section}.")
+        for name, (title, text) in panels.items()
         if (path := folder / f"rz_{name}.png").exists()
     ]
     if shown:
-        text = [f"Half of the section through the axis, {scale}. Sections are named at the right."]
+        text = [f"{section[0].upper()}{section[1:]}, {scale}. Sections are named at the right."]
         if plan is not None and plan["model"] == "hybrid":
             text.append("Where the fluid flows alone, no standard error is known: it is drawn as 0.")
         yield Section("The flow", text, shown, narrow=True)

@@ -115,6 +115,11 @@ class Outline:
         return 2 * self.outlet_radius if self.measure.axial else float(self.wall[-1, 0] - self.left[-1, 0])
 
     @property
+    def left_wall(self) -> list[tuple[float, float]] | None:
+        """Points (x, z) of the left wall of a slab [m]; None beside an axis."""
+        return None if self.measure.axial else [(float(x), float(z)) for x, z in self.left]
+
+    @property
     def width(self) -> float:
         """Largest diameter, or distance in x between the outermost points of a slab [m]."""
         return 2 * self.r_max if self.measure.axial else self.r_max - self.r_min

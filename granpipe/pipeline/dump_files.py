@@ -57,7 +57,7 @@ def _draw(field: Field, case: Case | None, folder: Path) -> None:
 
     folder.mkdir()
     vessel = DrawnVessel.of(field, case)
-    rz_figures(field, vessel.wall, vessel.obstacles, folder, vessel.levels, vessel.name)
+    rz_figures(field, vessel.wall, vessel.obstacles, folder, vessel.levels, vessel.name, vessel.left)
     profile_figures(section_profiles(field, vessel.levels), folder)
 
 

@@ -16,6 +16,7 @@ from granpipe.pipeline.gates import CLEAN_UP, CONSERVED, PEAK, RESIDUAL, Gate, b
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
+from granpipe.planning.plane import depth_note
 from granpipe.planning.wall_factors import wall_friction
 from granpipe.rzmesh import RZMesh
 
@@ -58,7 +59,7 @@ def fluid_field(plan: Plan) -> ModelResult:
     solution = solve_fluid(mesh, wall_law(case), flow, case.fluid.order)
     field = to_field(solution, plan.grid, outline.inside_fraction(plan.grid), packing)
     gates = (*fluid_gates(plan, field, solution), *breach_gates(plan.breaches))
-    notes = wall_factor_notes(plan)
+    notes = (*filter(None, [depth_note(case)]), *wall_factor_notes(plan))
     return ModelResult(field=field, gates=gates, figures=solve_figures(solution), solution=solution, notes=notes)
 
 

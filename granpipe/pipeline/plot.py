@@ -18,12 +18,13 @@ from granpipe.system.manifest import MANIFEST, read_manifest, verify
 
 @dataclass(frozen=True)
 class DrawnVessel:
-    """What is drawn round a field: outer wall and obstacles (r, z) [m], levels of the sections [m], the case's name."""
+    """What is drawn round a field: wall, left wall of a slab and obstacles (r, z) [m], levels of the sections [m], the case's name."""
 
     wall: Any
     obstacles: Mapping[str, Any]
     levels: Mapping[str, tuple[float, float]]
     name: str
+    left: Any = None
 
     @classmethod
     def of(cls, field: Field, case: Case | None) -> DrawnVessel:
@@ -33,7 +34,7 @@ class DrawnVessel:
             return cls([(right, float(z[-1])), (right, float(z[0]))], {}, {}, "")
         outline = Outline.from_case(case)
         obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
-        return cls(outline.wall.tolist(), obstacles, case.outline.levels, case.name)
+        return cls(outline.wall.tolist(), obstacles, case.outline.levels, case.name, outline.left_wall)
 
 
 def plot_result(folder: Path, what: str, z: float | None, out: Path | None) -> Path:
@@ -79,5 +80,7 @@ def _figure(field: Field, vessel: DrawnVessel, what: str, z: float | None) -> An
         section = next((name for name, (top, low) in vessel.levels.items() if low <= z <= top), "")
         return profile_figure(level_profile(field, z, section))
     if what == "overview":
-        return overview(field, vessel.wall, vessel.obstacles, vessel.levels, field_title(vessel.name, field))
-    return panel_figure(field, what, vessel.wall, vessel.obstacles, vessel.levels)
+        return overview(
+            field, vessel.wall, vessel.obstacles, vessel.levels, field_title(vessel.name, field), vessel.left
+        )
+    return panel_figure(field, what, vessel.wall, vessel.obstacles, vessel.levels, vessel.left)

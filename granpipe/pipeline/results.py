@@ -222,7 +222,15 @@ def _figures(folder: Path, plan: Plan, made: ModelResult, note: Callable[[str], 
 
         obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
         levels = plan.case.outline.levels
-        rz_figures(made.field, outline.wall.tolist(), obstacles, folder / "figures", levels, plan.case.name)
+        rz_figures(
+            made.field,
+            outline.wall.tolist(),
+            obstacles,
+            folder / "figures",
+            levels,
+            plan.case.name,
+            outline.left_wall,
+        )
         profile_figures(section_profiles(made.field, levels), folder / "figures")
     if "vessel" in plan.case.figures:
         for number, (part, simulated, production) in enumerate(_simulated(plan, made), start=1):

@@ -25,6 +25,8 @@ def field_summary(field: Field, case: Case | None) -> dict[str, Any]:
         "reference_packing": field.bulk_packing,
         "largest_speed_m_per_s": float(speeds.max()),
     }
+    if not field.grid.measure.axial:
+        found["depth_m"] = field.grid.measure.turn
     if case is None:
         return found
     density = case.material.density * field.bulk_packing
