@@ -247,9 +247,8 @@ class Flow:
         from granpipe.export.pictures import overview
 
         stream = BytesIO()
-        overview(self.stored, *self._vessel, left=None if self.outline is None else self.outline.left_wall).savefig(
-            stream, format="png", dpi=80
-        )
+        left = None if self.outline is None else self.outline.left_wall
+        overview(self.stored, *self._vessel, left=left).savefig(stream, format="png", dpi=80)
         return stream.getvalue()
 
     @property

@@ -60,7 +60,7 @@ def balance_of(field: Field, nodes: Nodes) -> Balance:
 
 
 def interpolated_divergence(nodes: Nodes) -> Array:
-    """(nz, nr) (1/r)∂(ru)/∂r + ∂w/∂z of the bilinear bulk velocity at the centres of the cells [1/s]; ∂u/∂x with no axis."""
+    """(nz, nr) (1/r)∂(ru)/∂r + ∂w/∂z of the bilinear velocity at the centres of the cells [1/s]; in a slab ∂u/∂x."""
     dr, dz = np.diff(nodes.r), np.diff(nodes.z)[:, None]
     u, w = nodes.bulk_u, nodes.bulk_w
     du_dr = 0.5 * (np.diff(u, axis=1)[:-1] + np.diff(u, axis=1)[1:]) / dr

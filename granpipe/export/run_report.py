@@ -372,8 +372,8 @@ def _by_section(plan: Data | None, provenance: Data) -> Iterator[Section]:
     kept = [k for k in range(len(head) + len(extra)) if k < len(head) or any(row[k] != "–" for row in rows)]
     head += list(extra)
     text = (
-        "Velocities of the bulk; the mean is the flow rate over the mean area of the section. Areas are in the half "
-        "section; at rest is what is slower than a fiftieth of the mean speed over the widest level."
+        "Velocities of the bulk; the mean is the flow rate over the mean area of the section. Areas are in the "
+        "section that is drawn; at rest is what is slower than a fiftieth of the mean speed over the widest level."
     )
     meanings = {
         "error": "The error is the relative standard error.",

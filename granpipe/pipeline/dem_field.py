@@ -180,7 +180,7 @@ def _size_gate(bed: SettleRecord) -> Gate:
 
 
 def run_statistics(segments: Sequence[Sums], levels: Levels) -> dict[str, Any]:
-    """Quality figures of the average: turnovers, trends, off-centre flow.
+    """Quality figures of the average: turnovers, trends, and off-centre flow where there is an axis.
 
     Below one turnover a section still holds what it was filled with. Empty where there are too few segments for errors.
     """
@@ -188,12 +188,14 @@ def run_statistics(segments: Sequence[Sums], levels: Levels) -> dict[str, Any]:
         return {}
     whole, joined = merge(segments), blocks(segments)
     ranges = {name: (low, top) for name, (top, low) in levels.items()}
-    return {
+    found: dict[str, Any] = {
         "turnovers": {name: turnovers(whole, z) for name, z in ranges.items()},
         "trend_of_solids": _trend([block.solids.mean() for block in joined]),
         "trend_of_kinetic_energy": _trend([block.kinetic.mean() for block in joined]),
-        "off_centre": {name: _plain(off_centre(segments, z)) for name, z in ranges.items()},
     }
+    if whole.grid.measure.axial:
+        found["off_centre"] = {name: _plain(off_centre(segments, z)) for name, z in ranges.items()}
+    return found
 
 
 def _trend(values: list[float]) -> dict[str, float]:

@@ -7,6 +7,7 @@ import psutil
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Box, Grid
+from granpipe.geometry.outline import Outline
 from granpipe.pipeline.dump_survey import Survey
 from granpipe.pipeline.dump_window import Frame, Range
 
@@ -43,6 +44,17 @@ def grid_round(found: Survey, frame: Frame, segments: int) -> Grid:
         return Grid.covering(found.reach, *ends["z"], frame.cell)
     flat = frame.plane == "xz"
     return Box.within(ends["x"], ends["y"], ends["z"], frame.cell, flat, cut=not flat or frame.y is not None)
+
+
+def slab_grid(found: Survey, frame: Frame, outline: Outline) -> Grid:
+    """The grid of a slab's section, as deep as the dumps.
+
+    Raises
+    ------
+    DataError : ranges that make no sense
+    """
+    x, z = (outline.r_min, outline.r_max), (outline.z_bottom, outline.z_top)
+    return Box.within(x, _range(found, frame, "y"), z, frame.cell, flat=True, cut=frame.y is not None)
 
 
 def _range(found: Survey, frame: Frame, axis: str) -> Range:

@@ -35,12 +35,13 @@ from granpipe.pipeline.dump_checks import (
     solids_gate,
     time_gate,
 )
-from granpipe.pipeline.dump_grid import grid_round
+from granpipe.pipeline.dump_grid import grid_round, slab_grid
 from granpipe.pipeline.dump_survey import JUMP, Survey, survey
 from granpipe.pipeline.dump_window import Request, window
 from granpipe.pipeline.extra_fields import FORCES, ExtraSums, with_derived
 from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, asymmetry_gate, run_notes, upward_gate
 from granpipe.planning.flow import check_flow_rate
+from granpipe.planning.plane import check_plane
 
 _SEGMENTS = 40
 _MOST_THROUGH_SIDES = 0.01  # of the flow
@@ -79,7 +80,7 @@ def homogenize_files(request: Request, case: Case | None) -> Homogenized:
 
     Parameters
     ----------
-    case : tells outline, method and flow rate of a vessel of revolution
+    case : tells outline, method and flow rate of the vessel
 
     Raises
     ------
@@ -107,15 +108,24 @@ def _on_grid(request: Request) -> Homogenized:
 
 def _in_vessel(request: Request, case: Case) -> Homogenized:
     """On the outline of a case."""
-    frame = request.frame
-    if frame.plane != "rz":
-        raise DataError(f"a case describes a vessel of revolution: leave out --plane {frame.plane} or --case")
+    frame, slab = request.frame, case.outline.symmetry == "plane"
+    if frame.plane != ("xz" if slab else "rz"):
+        what, plane = ("slab", "--plane xz") if slab else ("vessel of revolution", f"no --plane {frame.plane}")
+        raise DataError(f"the case describes a {what}: give {plane}, or leave out --case")
     if frame.z is not None:
         raise DataError("the outline of the case gives the range of z: leave out --z or --case")
+    if frame.x is not None:
+        raise DataError("the outline of the case gives the range of x: leave out --x or --case")
+    check_plane(case, by_dumps=True)
     outline = Outline.from_case(case)
     flow_notes = check_flow_rate(case, outline, find_openings(outline))
-    grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, frame.cell)
     found = survey(request, (outline.z_bottom, outline.z_top), _inside(outline))
+    if slab:
+        grid = slab_grid(found, frame, outline)
+        case, whole = _of_depth(case, grid), case
+        outline = Outline.from_case(case)
+    else:
+        grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, frame.cell)
     summed = _extra_sums(case, outline, grid, found)
     frame_marks = frame_gates(found, frame)
     outside = check_outside(found)
@@ -129,18 +139,49 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     gates += [*solids_gate(found, held_solids(field), frame), PACKING.gate(field.bulk_packing)]
     figures |= {"largest_packing": densest, "solids_outside_the_walls": outside}
     told = _told(field, case.homogenize.method, gates, found, collector, figures)
+    if slab:
+        told = replace(told, field=_deeper(told.field, whole))
+        depth = f"the dumps are {case.outline.depth:.4g} m deep, the field the {whole.outline.depth:g} m of the case"
+        flow_notes = (*flow_notes, depth)
     return replace(told, notes=(*flow_notes, *told.notes))
 
 
+def _of_depth(case: Case, grid: Grid) -> Case:
+    """The case of a slab as deep as a grid, with that part of its flow rate."""
+    given, depth = case.outline.depth, grid.measure.turn
+    assert given is not None  # of a slab
+    rate = replace(
+        case.flow_rate,
+        **{
+            kind: value * depth / given
+            for kind in ("volume", "mass")
+            if (value := getattr(case.flow_rate, kind)) is not None
+        },
+    )
+    outline = case.outline.model_copy(update={"depth": depth})
+    return case.model_copy(update={"outline": outline, "flow_rate": rate})
+
+
+def _deeper(field: Field, case: Case) -> Field:
+    """The field of a slab of another depth: the same velocities, its flow in proportion."""
+    grid, depth = field.grid, case.outline.depth
+    assert isinstance(grid, Box)
+    assert depth is not None  # of a slab
+    deep = replace(grid, y_edges=np.array([0.0, depth]))
+    return replace(field, grid=deep, bulk_flow=field.bulk_flow * depth / grid.measure.turn)
+
+
 def _inside(outline: Outline) -> Callable[[Snapshot], Mask]:
-    """Tells which particles are centred between axis, wall and obstacles."""
-    pairs = [(outline.wall[:-1], outline.wall[1:])]
+    """Tells which particles are centred between axis (or left wall), wall and obstacles."""
+    axial = outline.measure.axial
+    walls = [outline.wall] if axial else [outline.wall, outline.left]
+    pairs = [(wall[:-1], wall[1:]) for wall in walls]
     pairs += [(polygon, np.roll(polygon, -1, axis=0)) for polygon in outline.obstacles.values()]
     edges = np.concatenate([np.stack(pair, axis=1) for pair in pairs])
 
     def inside(snapshot: Snapshot) -> Mask:
         x, y, z = snapshot.position.T
-        return enclosed(np.column_stack([np.hypot(x, y), z]), edges)
+        return enclosed(np.column_stack([np.hypot(x, y) if axial else x, z]), edges)
 
     return inside
 

@@ -18,7 +18,7 @@ from granpipe.system.manifest import MANIFEST, read_manifest, verify
 
 @dataclass(frozen=True)
 class DrawnVessel:
-    """What is drawn round a field: wall, left wall of a slab and obstacles (r, z) [m], levels of the sections [m], the case's name."""
+    """What is drawn round a field: walls and obstacles [m], levels of the sections [m], the name of the case."""
 
     wall: Any
     obstacles: Mapping[str, Any]
