@@ -58,10 +58,11 @@ def mesh_section(
     rings = {name: ring - origin for name, ring in obstacles.items()}
     scale = 2.0 ** np.round(np.log2(sides[0][:, 0].max()))  # a power of two: scaling loses no digit
     heights = _law_heights(sides, rings, sections)
-    sides = [_with_heights(chain, heights, sides[0][:, 0].max()) / scale for chain in sides]
+    walls = sides[:1] if measure.axial else sides  # no law rules on the axis, which keeps its ends only
+    sides[: len(walls)] = [_with_heights(chain, heights, sides[0][:, 0].max()) for chain in walls]
     drawing = _Drawing(
-        sides[0],
-        sides[1],
+        sides[0] / scale,
+        sides[1] / scale,
         measure.axial,
         {name: ring / scale for name, ring in rings.items()},
         {name: (top / scale, bottom / scale) for name, (top, bottom) in sections.items()},
