@@ -233,7 +233,7 @@ def test_millimetres_without_their_unit_are_asked_for(tiny: Path) -> None:
     tiny.write_text(tiny.read_text().replace("  unit: cm\n", ""))
     for model, size in (("dem", "2 cm"), ("dem", "1 m"), ("fluid", "2 cm")):
         changes = {"outline__wall": "[[250, 800], [250, 0]]", "material__bulk_density": "1200", "model": model}
-        with pytest.raises(CaseError, match=r"250 m in radius: did you mean outline\.unit: mm\?"):
+        with pytest.raises(CaseError, match=r"500 m wide: did you mean outline\.unit: mm\?"):
             plan_of(tiny, material__size__diameter=size, homogenize__cell="0.0075", **changes)
 
 

@@ -72,10 +72,10 @@ def test_senseless_frames_are_refused(frame: Frame, message: str) -> None:
         grid_round(CLOUD, frame, 14)
 
 
-def test_a_case_goes_with_rings_only(tmp_path: Path) -> None:
+def test_a_round_vessel_goes_with_rings_only(tmp_path: Path) -> None:
     dumps = PlaneFlow().dumps(tmp_path, 0.1, 2)
     case = load_case(Path(__file__).parents[2] / "cases" / "reactor.yaml")
-    with pytest.raises(DataError, match="leave out --plane xz or --case"):
+    with pytest.raises(DataError, match="vessel of revolution: give no --plane xz, or leave out --case"):
         homogenize_files(Request(dumps, Frame("xz", 0.02), 1e-4), case)
 
 
