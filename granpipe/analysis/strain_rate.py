@@ -1,4 +1,4 @@
-"""Rate of strain of a field: D = (∇U + ∇Uᵀ)/2 of the bulk velocity, by differences between the faces of each cell."""
+"""Rate of strain of a field: D = (∇v + ∇vᵀ)/2 of a velocity, by differences between the faces of each cell."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ COMPONENTS = ("strain_rr", "strain_tt", "strain_zz", "strain_rz")
 _WHOLE = 1 - 1e-6
 
 
-def strain_rate(field: Field, flux: tuple[Array, Array] | None = None) -> Array:
+def strain_rate(field: Field, velocity: tuple[Array, Array] | None = None) -> Array:
     """(4, nz, nr) rr, θθ, zz, rz of the rate of strain at DEM scale [1/s]; NaN in voids and in cells that a wall cuts.
 
-    rr + θθ + zz is the divergence of the cell, 0 where the field conserves. rz is found on the nodes among whole cells
-    of solids, and on the axis, where it is 0; beside a wall it is that of the nodes on the other side.
+    rr + θθ + zz is the divergence of the cell, 0 of the bulk velocity of a field that conserves. rz is found on the
+    nodes among whole cells of solids, and on the axis, where it is 0; beside a wall it is that of the nodes on the
+    other side.
 
     Parameters
     ----------
-    flux : solids fluxes through the faces in place of the field's own, such as a block's [m/s]
+    velocity : (nz, nr+1) radial and (nz+1, nr) vertical, on the faces [m/s]; the bulk velocity F/φ_ref unless given
     """
     grid, h = field.grid, field.grid.cell
-    u, w = (one / field.bulk_packing for one in flux or (field.flux_r, field.flux_z))
+    u, w = velocity or (field.flux_r / field.bulk_packing, field.flux_z / field.bulk_packing)
     known = field.bulk & (field.inside_fraction > _WHOLE)
     axial = grid.measure.axial
     around = 0.5 * (u[:, 1:] + u[:, :-1]) / grid.r_centres if axial else np.zeros(grid.shape)
@@ -39,13 +40,6 @@ def shear_rate(strain: Array) -> Array:
     """(nz, nr) √(2 D:D) of (4, nz, nr) components: the shear rate of simple shear."""
     rr, tt, zz, rz = strain
     return np.asarray(np.sqrt(2 * (rr**2 + tt**2 + zz**2 + 2 * rz**2)))
-
-
-def shear_rate_change(strain: Array, other: Array) -> Array:
-    """(nz, nr) change of √(2 D:D) for a small change from one rate of strain to another: 2 D:δD/√(2 D:D)."""
-    rate = shear_rate(strain)
-    twice = 2 * np.einsum("kij,kij,k->ij", strain, other - strain, np.array([1.0, 1.0, 1.0, 2.0]))
-    return np.asarray(np.divide(twice, rate, out=np.zeros_like(rate), where=~(rate <= 0)))
 
 
 def _inner_nodes(known: Mask, axial: bool) -> Mask:

@@ -45,7 +45,6 @@ class PsiFitted:
     effective_blocks : equivalent number of independent blocks
     storage : largest part of the flow that gathers between the plug and a level, taken off before the fit
     scatter : how far the runs' own fields lie apart, over what the standard errors let expect; None for a single run
-    of_blocks : the fluxes fitted to each block
     """
 
     field: Field
@@ -54,7 +53,6 @@ class PsiFitted:
     effective_blocks: float
     storage: float
     scatter: float | None
-    of_blocks: tuple[Flux, ...]
 
 
 def psi_field(
@@ -104,7 +102,6 @@ def psi_field(
         effective_blocks=effective,
         storage=steady.storage,
         scatter=_scatter(fluxes, run, se[1], sums.grid),
-        of_blocks=tuple(fluxes),
     )
 
 

@@ -31,12 +31,11 @@ DILATED_DIAMETERS = 1.0
 
 @dataclass(frozen=True)
 class AveragedField:
-    """A field made to conserve, the plug that it was measured by, figures of the method, and fluxes of blocks of it."""
+    """A field made to conserve, the plug that it was measured by, and figures of the method."""
 
     field: Field
     plug: Plug
     figures: dict[str, Any]
-    of_blocks: tuple[tuple[Array, Array], ...] = ()
 
 
 def averaged_field(case: Case, outline: Outline, segments: Sequence[Sums], diameter: float) -> AveragedField:
@@ -59,8 +58,7 @@ def averaged_field(case: Case, outline: Outline, segments: Sequence[Sums], diame
         figures["scatter_of_runs_over_error"] = fitted.scatter
     if fitted.field.flux_z_se is not None:
         figures["statistical_error"] = statistical_errors(fitted.field, case.outline.levels)
-    of_blocks = fitted.of_blocks if fitted.field.flux_z_se is not None else ()
-    return AveragedField(fitted.field, plug, figures, of_blocks)
+    return AveragedField(fitted.field, plug, figures)
 
 
 def statistical_errors(field: Field, levels: Levels) -> dict[str, float]:

@@ -101,7 +101,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     whole = merge(steady)
     averaged = averaged_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
     summed = ExtraSums.of(plan)
-    field = summed.added(averaged, steady)
+    field = summed.added(averaged.field, steady)
     settled = [SettleRecord.read(production.settled) for production in productions]
     figures = averaged.figures | summed.figures(steady) | run_statistics(steady, plan.case.outline.levels)
     if angles := _surface_angles(field, plan):

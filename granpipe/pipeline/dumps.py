@@ -132,7 +132,7 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     collector, segments = _averaged(request, grid, found, summed)
     densest = check_packing(merge(segments), outline.inside_fraction(grid), found.diameter)
     averaged = averaged_field(case, outline, segments, found.diameter)
-    field = summed.added(averaged, segments)
+    field = summed.added(averaged.field, segments)
     field, derived = with_derived(field, case.homogenize.fields)
     figures = averaged.figures | summed.figures(segments) | derived | run_statistics(segments, case.outline.levels)
     gates = [*frame_marks, *time_gate(found), *_average_gates(case, averaged, segments, found.diameter, figures)]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from granpipe.analysis.residence_time import residence_time
-from granpipe.analysis.strain_rate import COMPONENTS, shear_rate, shear_rate_change, strain_rate
+from granpipe.analysis.strain_rate import COMPONENTS, shear_rate, strain_rate
 from granpipe.analysis.streamlines import age
 from granpipe.case.schema import Case
 from granpipe.dem.contact import GRAVITY
@@ -27,6 +27,7 @@ from granpipe.homogenize.extras import (
     Arrays,
     SizeClassVolumes,
     WallSlip,
+    measured_together,
     size_class_arrays,
     wall_forces,
     wall_pressure_arrays,
@@ -41,9 +42,8 @@ from granpipe.homogenize.particle_fields import (
     velocity_moments,
     whole_mixing,
 )
-from granpipe.homogenize.statistics import standard_error
+from granpipe.homogenize.solids_velocity import solids_velocity
 from granpipe.homogenize.stress import contact_stress, stress_arrays, supported
-from granpipe.pipeline.averages import AveragedField
 from granpipe.planning.plan import Plan
 
 PIECES_PER_DIAMETER = 1
@@ -135,12 +135,16 @@ class ExtraSums:
         }
         return {name: array for wanted in self.wanted for name, array in makers[wanted]().items()}
 
-    def added(self, averaged: AveragedField, segments: Sequence[Sums]) -> Field:
+    def added(self, field: Field, segments: Sequence[Sums]) -> Field:
         """The field of an average with all that its segments tell beside."""
-        field = averaged.field
         extra = self.arrays(segments, field.inside_fraction)
-        if self.strained and averaged.of_blocks:
-            extra |= strain_errors(field, averaged.of_blocks, averaged.figures["effective_blocks"])
+        if self.strained:
+
+            def rates(sums: Sums) -> Array:
+                strain = strain_rate(field, solids_velocity(sums, self.diameter))
+                return np.array([*strain, shear_rate(strain)])
+
+            extra |= measured_together((*COMPONENTS, "shear_rate"), segments, rates)
         return replace(field, extra=extra)
 
     def figures(self, segments: Sequence[Sums]) -> dict[str, Any]:
@@ -169,25 +173,10 @@ def with_derived(field: Field, wanted: Sequence[str]) -> tuple[Field, dict[str, 
         figures["residence_outside"] = found.outside
     if "age" in wanted:
         extra["age"] = age(field) * field.flow_scale
-    if "strain_rate" in wanted:
+    if "strain_rate" in wanted and "shear_rate" not in extra:  # without particles solids move as the bulk does
         strain = strain_rate(field)
         extra |= dict(zip(COMPONENTS, strain, strict=True)) | {"shear_rate": shear_rate(strain)}
     return replace(field, extra=extra), figures
-
-
-def strain_errors(field: Field, blocks: Sequence[tuple[Array, Array]], effective: float) -> Arrays:
-    """Standard errors of the rate of strain and of the shear rate, as far as these are straight in the fluxes.
-
-    Parameters
-    ----------
-    blocks : fluxes of fields from blocks of the average
-    effective : number of independent blocks that these count as
-    """
-    strain = strain_rate(field)
-    each = np.array([strain_rate(field, flux) for flux in blocks])
-    found = dict(zip(COMPONENTS, standard_error(each, effective), strict=True))
-    found["shear_rate"] = standard_error(np.array([shear_rate_change(strain, one) for one in each]), effective)
-    return {f"{name}_se": error for name, error in found.items()}
 
 
 def particle_velocity(field: Field) -> tuple[Array, Array]:

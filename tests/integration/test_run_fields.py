@@ -138,12 +138,10 @@ def test_stress_at_the_wall_is_the_pressure_on_it(field: Field) -> None:
 
 
 def test_a_plug_is_hardly_sheared_and_its_particles_hardly_stir(field: Field) -> None:
-    """A plug's speed would change by less than a twentieth over a diameter; at the wall its flux follows the layers."""
-    core = field.grid.r_centres < RADIUS - 2 * DIAMETER
+    """Its speed changes by less than a fiftieth over a diameter, also in the layers along the wall."""
     rows = (field.grid.z_centres > 0.05) & (field.grid.z_centres < 0.4)
     sheared = np.nanmedian(field.extra["shear_rate"][rows, :-1], axis=0)  # a wall cuts the last cell
-    assert sheared[core[:-1]].max() < 0.05 * SPEED / DIAMETER
-    assert sheared[~core[:-1]].max() > 10 * sheared[core[:-1]].max()
+    assert sheared.max() < 0.02 * SPEED / DIAMETER
     assert 0 < np.sqrt(np.nanmedian(field.extra["granular_temperature"][middle(field)])) < SPEED
 
 

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from granpipe.analysis.strain_rate import COMPONENTS, shear_rate, shear_rate_change, strain_rate
+from granpipe.analysis.strain_rate import COMPONENTS, shear_rate, strain_rate
 from granpipe.field import Field, Grid, flux_from_psi
-from granpipe.pipeline.extra_fields import strain_errors, with_derived
+from granpipe.homogenize.average import Sums
+from granpipe.homogenize.solids_velocity import solids_velocity, window_cells
+from granpipe.pipeline.extra_fields import with_derived
 
 PACKING = 0.6
 
@@ -75,23 +77,53 @@ def test_cells_that_a_wall_cuts_and_voids_have_none():
     assert strain[:, 5:, :-1] == pytest.approx(0, abs=1e-9)
 
 
-def test_errors_are_those_of_the_blocks():
-    """Blocks that are a parabola times (1 + e): every component errs by the scatter of e."""
-    field = field_of(lambda r, z: -(r**2 / 2 - r**4 / (4 * 0.09)))
-    scatter = np.random.default_rng(0).normal(0, 0.1, 12)
-    found = strain_errors(field, [(field.flux_r * (1 + e), field.flux_z * (1 + e)) for e in scatter], 8.0)
-    strain = strain_rate(field)
-    share = scatter.std() / np.sqrt(7)
-    assert found["strain_rz_se"] == pytest.approx(share * np.abs(strain[3]), rel=1e-9, abs=1e-12)
-    assert found["shear_rate_se"] == pytest.approx(share * shear_rate(strain), rel=1e-9, abs=1e-9)
-    assert set(found) == {f"{name}_se" for name in (*COMPONENTS, "shear_rate")}
+def sums_of(packing, w, cell=0.005, radius=0.1):
+    """Sums over one second of solids (r) that sink at w(r) in a pipe."""
+    grid = Grid.covering(radius, 0.0, 0.2, cell)
+    r = grid.r_centres
+    flux = np.broadcast_to(packing(r) * w(r) * grid.ring_area, (grid.shape[0] + 1, grid.shape[1]))
+    nothing = np.zeros((grid.shape[0], grid.shape[1] + 1))
+    return Sums(
+        grid=grid, sampling="displacement", start=0.0, stop=1.0, duration=1.0, weight=1.0,
+        volume=packing(r) * grid.cell_volume * np.ones(grid.shape), flow_r=nothing, flow_z=flux,
+        gain=np.zeros(grid.shape), time=np.array([0.5]), level_flow=flux.sum(axis=1)[None], solids=np.array([1.0]),
+        kinetic=np.array([1.0]), count=np.array([1]),
+    )  # fmt: skip
 
 
-def test_a_change_of_the_shear_rate_is_linear_in_small_changes():
-    strain, _, _ = sink(0.01)
-    other = strain * (1 + 1e-6 * np.arange(4))[:, None, None]
-    exact = shear_rate(other) - shear_rate(strain)
-    assert shear_rate_change(strain, other) == pytest.approx(exact, rel=1e-4, abs=1e-12)
+def layers(r):
+    """Packing of layers, 20 mm wide, along a wall at 100 mm."""
+    return 0.6 * (1 + 0.4 * np.cos(2 * np.pi * (0.1 - r) / 0.02))
+
+
+def rates(sums, diameter):
+    ones = np.ones(sums.grid.shape)
+    field = Field(sums.grid, ones, ones > 0, *sums.mean_flux, bulk_flow=1.0, bulk_packing=PACKING, flow_scale=0.1)
+    return shear_rate(strain_rate(field, solids_velocity(sums, diameter))), shear_rate(strain_rate(field))
+
+
+def test_layers_that_sink_as_one_are_not_sheared_though_their_flux_is_uneven():
+    solids, bulk = rates(sums_of(layers, lambda r: -0.04 + 0 * r), 0.02)
+    assert np.abs(solids).max() < 1e-9
+    assert bulk.max() > 0.04 * 0.4 / 0.005 / 4
+
+
+def test_solids_in_layers_are_sheared_as_their_velocity_says():
+    """w = −0.04 + 2 r: the shear rate is 2 1/s, to what the weights of a layer's two sides change."""
+    solids, _ = rates(sums_of(layers, lambda r: -0.04 + 2 * r), 0.02)
+    inner = solids[5:-5, 4:-4]
+    assert inner == pytest.approx(2, rel=0.35)
+    assert inner.mean() == pytest.approx(2, rel=0.03)
+
+
+def test_solids_without_layers_are_sheared_exactly_so():
+    solids, _ = rates(sums_of(lambda r: 0.6 + 0 * r, lambda r: -0.04 + 2 * r), 0.005)
+    assert solids[:, 1:-1] == pytest.approx(2, rel=1e-9)
+
+
+@pytest.mark.parametrize(("diameter", "cells"), [(0.004, 1), (0.01, 1), (0.011, 3), (0.02, 5), (0.026, 5), (1e-9, 1)])
+def test_the_window_is_about_a_particle_wide(diameter, cells):
+    assert window_cells(diameter, 0.005) == cells
 
 
 def test_fields_of_any_model_have_it_on_request():
