@@ -36,7 +36,7 @@ def window_cells(diameter: float, cell: float) -> int:
 
 def _windowed(flux: Array, packing: Array, weight: Array, cells: int) -> Array:
     top, bottom = (uniform_filter(one * weight, cells, mode="constant") for one in (flux, packing))
-    return np.divide(top, bottom, out=np.zeros_like(top), where=bottom > 1e-9 * bottom.max())
+    return np.asarray(np.divide(top, bottom, out=np.zeros_like(top), where=bottom > 1e-9 * bottom.max()))
 
 
 def _on_faces(values: Array, axis: int) -> Array:
