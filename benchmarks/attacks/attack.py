@@ -195,12 +195,22 @@ def granpipe(
 
 def run(arguments: tuple[str, ...], folder: Path, seconds: int = SECONDS) -> Ran:
     """Granpipe in a child of this process, which has imported it already; bounded in time."""
+    return forked(lambda: _status_of(lambda: main(list(arguments), prog_name="granpipe")), folder, seconds)
+
+
+def forked(work: Callable[[], int], folder: Path, seconds: int = SECONDS) -> Ran:
+    """Work in a child of this process, in a folder; bounded in time. Its status is what `work` returns."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(reading)
-        _child(arguments, folder, writing, seconds)
+        _child(work, folder, writing, seconds)
     os.close(writing)
+    return watched(child, reading, seconds)
+
+
+def watched(child: int, reading: int, seconds: int) -> Ran:
+    """The end of a child that leads a session of its own, and what comes through a pipe until nobody writes to it."""
     output, end = b"", time.monotonic() + WAITING * seconds
     while select.select([reading], [], [], max(0.0, end - time.monotonic()))[0]:
         some = os.read(reading, 65536)
@@ -216,7 +226,7 @@ def run(arguments: tuple[str, ...], folder: Path, seconds: int = SECONDS) -> Ran
     return Ran(None if hung else status, output.decode(errors="replace"))
 
 
-def _child(arguments: tuple[str, ...], folder: Path, writing: int, seconds: int) -> None:
+def _child(work: Callable[[], int], folder: Path, writing: int, seconds: int) -> None:
     """What the child does; never returns."""
     status = 99
     try:
@@ -234,17 +244,22 @@ def _child(arguments: tuple[str, ...], folder: Path, writing: int, seconds: int)
         warnings.showwarning = warnings._showwarning_orig  # type: ignore[attr-defined]  # a test may collect them
         warnings.filterwarnings("ignore", category=DeprecationWarning)
         warnings.filterwarnings("ignore", category=PendingDeprecationWarning)
-        try:
-            main(list(arguments), prog_name="granpipe", standalone_mode=True)
-            status = 0
-        except SystemExit as end:
-            status = end.code if isinstance(end.code, int) else int(end.code is not None)
+        status = work()
         sys.stdout.flush()
         sys.stderr.flush()
     except BaseException:
         os.write(2, traceback.format_exc().encode())
     finally:
         os._exit(status)
+
+
+def _status_of(command: Callable[[], object]) -> int:
+    """The status with which a command ends."""
+    try:
+        command()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    return 0
 
 
 def unique(attacks: list[Attack]) -> list[Attack]:

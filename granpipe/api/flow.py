@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from io import BytesIO
+from operator import index
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,8 +53,9 @@ class Flow:
     flow of bulk, and ρ_s φ_ref U the mass flux. z points up, so what sinks has w < 0. Where dumps were averaged without
     a case there is no process, and all is at the scale of the dumps.
 
-    Points may be scalars or arrays of any shapes that broadcast; values come back in that shape, NaN outside the
-    solids: outside the vessel, in obstacles and in voids. Points on a wall have a value. In a plane x–z, r means x.
+    Points are plain numbers in metres, scalars or arrays of any shapes that broadcast; values come back in that shape,
+    NaN outside the solids: outside the vessel, in obstacles and in voids, and where a point is NaN or masked. Points on
+    a wall have a value. In a plane x–z, r means x.
 
     Parameters
     ----------
@@ -84,6 +86,7 @@ class Flow:
         Raises
         ------
         ValueError : shapes of r and z that do not broadcast
+        TypeError : a coordinate that is not made of real numbers, or has a unit of its own
         """
         if self._surface is None:
             u, w = self._bilinear(r, z, self.nodes.bulk_u, self.nodes.bulk_w)
@@ -136,10 +139,17 @@ class Flow:
 
         Raises
         ------
-        ValueError : neither z nor r is given, or both are
+        ValueError : neither z nor r is given, or both are; it is not one number; fewer than 2 points
+        TypeError : `count` is no whole number
         """
         if (z is None) == (r is None):
             raise ValueError("give either z or r")
+        place = r if z is None else z
+        assert place is not None
+        if np.ndim(_coordinate(place)) or not np.isfinite(place):
+            raise ValueError(f"a profile is along one level or vertical, a number in metres, not {place!r}")
+        if _whole(count, "count") < 2:
+            raise ValueError(f"count: a profile has at least 2 points, not {count}")
         edges = self.nodes.r if r is None else self.nodes.z
         along = np.linspace(edges[0], edges[-1], count)
         at_r, at_z = (along, np.full(count, z)) if r is None else (np.full(count, r), along)
@@ -153,7 +163,10 @@ class Flow:
         Raises
         ------
         DataError : the field has no stream function
+        ValueError, TypeError : `n` is no whole number above 0
         """
+        if _whole(n, "the number of stream lines") < 1:
+            raise ValueError(f"the number of stream lines must be above 0, not {n}")
         from contourpy import contour_generator
 
         surface = self._stream
@@ -281,7 +294,7 @@ class Flow:
     ) -> tuple[Array, ...]:
         """Values of functions of r and of places in cells, in the shape of the points."""
         nodes = self.nodes
-        points = np.broadcast_arrays(np.asarray(r, dtype=float), np.asarray(z, dtype=float))
+        points = np.broadcast_arrays(_coordinate(r), _coordinate(z))
         radius, height = points[0].ravel(), points[1].ravel()
         (row, column), found = cells_at((nodes.r, nodes.z), (radius, height), nodes.cells)
         if self.outline is not None:
@@ -378,7 +391,7 @@ class SpaceFlow:
     def _sampled(self, values: Array, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
         from scipy.ndimage import map_coordinates
 
-        points = np.broadcast_arrays(*(np.asarray(array, dtype=float) for array in (x, y, z)))
+        points = np.broadcast_arrays(*map(_coordinate, (x, y, z)))
         flat = tuple(array.ravel() for array in points)
         _, found = cells_at(tuple(reversed(self._edges)), flat, self.stored.bulk)
         places = np.array(
@@ -388,6 +401,27 @@ class SpaceFlow:
         total, weight = (map_coordinates(np.where(self.stored.bulk, array, 0.0), places, order=1, mode="nearest")
                          for array in (values, np.ones(values.shape)))  # fmt: skip
         return _scattered(total / weight, found, points[0].shape)
+
+
+def _coordinate(values: ArrayLike) -> Array:
+    """Coordinates [m] as floats, NaN where they are masked.
+
+    TypeError where they are no real numbers, or a quantity whose unit would be lost.
+    """
+    united = hasattr(values, "magnitude") and hasattr(values, "units")
+    array = np.empty(0) if united else np.asanyarray(values)
+    if united or not (array.dtype.kind in "iuf" or array.size == 0):
+        remedy = ", such as by q.m_as('m')" if united else ""
+        raise TypeError(f"coordinates are plain numbers in metres, not {type(values).__name__}: {values!r:.60}{remedy}")
+    return np.ma.filled(array.astype(float), np.nan)
+
+
+def _whole(value: Any, name: str) -> int:
+    """A whole number; TypeError where it is none."""
+    try:
+        return index(value)
+    except TypeError:
+        raise TypeError(f"{name} must be a whole number, not {value!r}") from None
 
 
 def _scattered(values: Array, where: Any, shape: tuple[int, ...]) -> Array:

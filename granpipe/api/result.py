@@ -6,6 +6,8 @@ import json
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
+from decimal import Decimal
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -24,6 +26,9 @@ from granpipe.system.manifest import MANIFEST, read_manifest, verify
 
 _READ = ("case.yaml", "provenance.json", "plan.json")
 """Files beside ``field.npz`` that a result is made of; dumps may have been averaged without a case."""
+
+_REPORTS = ("stage", "update", "note")
+"""Methods of `Progress`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,13 +78,16 @@ def load_case(path: str | PathLike[str], overrides: Mapping[str, Any] | None = N
     Parameters
     ----------
     overrides : dotted keys and their values, as with ``--set``: ``{"dem.seed": 2, "dem.max_time": "8 s"}``. Text is
-        read as in the case file; numbers are SI
+        read as in the case file; numbers are SI; quantities of pint have their unit
 
     Raises
     ------
     CaseError : what is wrong with the file or with an override, where, and what to do
+    TypeError : `overrides` is no mapping of text to values
     """
-    return case_of(read_case(Path(path), {key: _as_text(value) for key, value in (overrides or {}).items()}))
+    if not isinstance(overrides or {}, Mapping):
+        raise TypeError(f"overrides: give a mapping such as {{'dem.seed': 2}}, not {overrides!r:.60}")
+    return case_of(read_case(Path(path), {key: _as_text(key, value) for key, value in (overrides or {}).items()}))
 
 
 def run(
@@ -98,10 +106,15 @@ def run(
     ------
     CaseError : the case is wrong, or asks for what this machine cannot do
     MeshError, RunError, SolveError, DataError : a program failed, and how
+    TypeError : `case` is not what `load_case` gives, or `progress` does not take reports
     """
     from granpipe.console import Console
     from granpipe.pipeline.run import run_case
 
+    if not isinstance(case, Case):
+        raise TypeError(f"case: give what load_case returns, not {case!r:.60}")
+    if progress not in ("console", None) and not all(callable(getattr(progress, name, None)) for name in _REPORTS):
+        raise TypeError(f"progress: {progress!r:.60} has no methods {', '.join(_REPORTS)}; give 'console' or None")
     with Console() if progress == "console" else nullcontext(progress or Silent()) as told:
         outcome = run_case(file_of(case), Path(results), told)
     return load_result(outcome.folder)
@@ -154,11 +167,26 @@ def _case_in(folder: Path) -> Case:
         raise DataError(f"{folder}: its case is not one that this granpipe reads: {error}; run again") from error
 
 
-def _as_text(value: Any) -> str:
-    """A value as YAML text."""
-    return value if isinstance(value, str) else json.dumps(value, default=_plain)
+def _as_text(key: str, value: Any) -> str:
+    """The value of a key as YAML text."""
+    if not isinstance(key, str):
+        raise TypeError(f"overrides: a key is text such as 'dem.seed', not {key!r:.60}")
+    if isinstance(value, str):
+        return value
+    try:
+        return json.dumps(value, default=_plain)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise CaseError(f"a {type(value).__name__} that no case holds ({error})", (key,), "overrides") from None
 
 
 def _plain(value: Any) -> Any:
-    """What numpy's scalars and arrays hold; paths as text."""
-    return value.tolist() if hasattr(value, "tolist") else str(value)
+    """What quantities of pint, numpy's scalars and arrays, other numbers and paths mean; TypeError for the rest."""
+    if hasattr(value, "magnitude") and hasattr(value, "units"):
+        return f"{float(value.magnitude)!r} {value.units:~}"
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, Real | Decimal):
+        return float(value)
+    if isinstance(value, PathLike):
+        return str(value)
+    raise TypeError(f"it is a {type(value).__name__}")

@@ -18,6 +18,7 @@ from granpipe.case.overrides import override
 from granpipe.case.renamed import refuse_renamed
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places, read_yaml
+from granpipe.errors import CaseError
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,21 @@ def case_of(file: CaseFile) -> Case:
 
 
 def file_of(case: Case) -> CaseFile:
-    """The file of a case that `case_of` gave; of one made in another way, a file without places."""
-    return CaseFile(case, *(case._origin or (Places("case"),)))
+    """The file of a case that `case_of` gave; of one made in another way, a file without places.
+
+    Raises
+    ------
+    CaseError : the case was changed meanwhile into one that no file describes, as by pydantic's `model_copy`
+    """
+    places, *found = case._origin or (Places("case"),)
+    try:
+        data = case.model_dump(mode="json", exclude_unset=True, warnings=False)
+    except ValueError as error:  # what writes one of its values stumbled over it
+        raise CaseError(f"a value was changed into one of another kind ({error})", place=places.file) from None
+    try:
+        return CaseFile(Case.model_validate(data), places, *found)
+    except ValidationError as error:
+        raise case_error(error, data, places) from None
 
 
 def resolve(

@@ -101,7 +101,10 @@ def parse_value(text: str, source: str, key: KeyPath) -> tuple[Any, Places]:
     CaseError : the text is not YAML that a case may use
     """
     places = Places(source, lines=False, known={key: source})
-    node = _composed(text, places)
+    try:
+        node = _composed(text, places)
+    except CaseError as error:
+        raise CaseError(error.message, key, error.place) from error
     return (None if node is None else _Reader(places).read(node, key)), places
 
 

@@ -223,7 +223,7 @@ def draw_panel(
     ValueError : `what` is none of `PANELS`
     DataError : the field does not have it
     """
-    if what not in PANELS:
+    if what not in tuple(PANELS):
         raise ValueError(f"{what!r} cannot be drawn; choose one of {', '.join(PANELS)}")
     nodes, corners = nodal_values(field), np.asarray(wall, dtype=float)
     PANELS[what](axis, field, nodes, corners)

@@ -9,6 +9,7 @@ import resource
 import shutil
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -16,6 +17,9 @@ from typing import IO, Any
 from granpipe.errors import RunError
 
 _CACHES = ("NUMBA_CACHE_DIR", "MPLCONFIGDIR")
+
+_DRAWING = threading.RLock()
+"""matplotlib's style is one for the whole process: threads draw one after the other."""
 
 LEAST_ADDRESS_SPACE = 800_000 * 1024
 """Bytes with which a fluid run was seen to end well; with half of them gmsh's library does not load."""
@@ -84,7 +88,7 @@ def own_style(changes: dict[Any, Any]) -> Iterator[None]:
     """In the block matplotlib draws with its own defaults and these changes, whatever the user's style is."""
     import matplotlib
 
-    with matplotlib.rc_context():
+    with _DRAWING, matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(changes)
         yield
