@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from math import pi
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from granpipe.errors import CaseError, DataError
 from granpipe.system.npzfile import read_npz
@@ -106,46 +106,6 @@ class Particles(Protocol):
 
 
 @dataclass(frozen=True)
-class Frustum:
-    """A slab round the axis between two heights, its inner and outer radii linear in z [m]; inner radii 0: no hole."""
-
-    z_low: float
-    z_high: float
-    inner_low: float
-    inner_high: float
-    outer_low: float
-    outer_high: float
-
-    @property
-    def height(self) -> float:
-        """[m]."""
-        return self.z_high - self.z_low
-
-    @property
-    def width(self) -> float:
-        """Larger of the widths at its two ends [m]; the diameter where it has no hole."""
-        low, high = (
-            outer - inner if inner > 0 else 2 * outer
-            for inner, outer in ((self.inner_low, self.outer_low), (self.inner_high, self.outer_high))
-        )
-        return max(low, high)
-
-    @property
-    def volume(self) -> float:
-        """[m³]."""
-        outer = self.outer_low**2 + self.outer_low * self.outer_high + self.outer_high**2
-        inner = self.inner_low**2 + self.inner_low * self.inner_high + self.inner_high**2
-        return pi / 3 * self.height * (outer - inner)
-
-    def cut(self, low: float, high: float) -> Frustum:
-        """The part of it between two heights [m]."""
-        shares = [(z - self.z_low) / self.height for z in (low, high)]
-        inner = [self.inner_low + (self.inner_high - self.inner_low) * share for share in shares]
-        outer = [self.outer_low + (self.outer_high - self.outer_low) * share for share in shares]
-        return Frustum(low, high, *inner, *outer)
-
-
-@dataclass(frozen=True)
 class Measure:
     """What a plane section of a vessel stands for: a body of revolution, or a slab of some depth.
 
@@ -169,13 +129,81 @@ class Measure:
         """The integral of `weight` from 0 to r: r²/2, or r. In it, a plug's ψ is linear."""
         return 0.5 * r**2 if self.axial else r
 
-    def area(self, inner: Array, outer: Array) -> Array:
+    def area(self, inner: ArrayLike, outer: ArrayLike) -> Array:
         """Area of a level between two r [m²]."""
-        return self.turn * (self.reach(outer) - self.reach(inner))
+        return np.asarray(self.turn * (self.reach(np.asarray(outer)) - self.reach(np.asarray(inner))))
+
+    def share(self, depth: float | None) -> float:
+        """Its part of a slab of some depth [m]; 1 of a body of revolution, which has none."""
+        return 1.0 if depth is None else self.turn / depth
+
+    def across(self, x: Array, y: Array) -> Array:
+        """r of points: their distance from the axis, or x [m]."""
+        return np.hypot(x, y) if self.axial else x
+
+    @property
+    def letter(self) -> str:
+        """What the coordinate across is called."""
+        return "r" if self.axial else "x"
 
 
 ROUND = Measure()
 """Of a body of revolution."""
+
+
+@dataclass(frozen=True)
+class Frustum:
+    """What lies between two heights and two lines that are linear in z [m].
+
+    Round the axis the lines are inner and outer radii (inner radii 0: no hole), in a slab left and right ends in x.
+    """
+
+    z_low: float
+    z_high: float
+    inner_low: float
+    inner_high: float
+    outer_low: float
+    outer_high: float
+    measure: Measure = ROUND
+
+    @property
+    def height(self) -> float:
+        """[m]."""
+        return self.z_high - self.z_low
+
+    @property
+    def width(self) -> float:
+        """Larger of the widths at its two ends [m]; the diameter where it has no hole."""
+        low, high = (
+            outer - inner if inner > 0 or not self.measure.axial else 2 * outer
+            for inner, outer in ((self.inner_low, self.outer_low), (self.inner_high, self.outer_high))
+        )
+        return max(low, high)
+
+    @property
+    def volume(self) -> float:
+        """[m³]."""
+        if not self.measure.axial:
+            widths = self.outer_low - self.inner_low, self.outer_high - self.inner_high
+            return 0.5 * self.measure.turn * self.height * sum(widths)
+        outer = self.outer_low**2 + self.outer_low * self.outer_high + self.outer_high**2
+        inner = self.inner_low**2 + self.inner_low * self.inner_high + self.inner_high**2
+        return pi / 3 * self.height * (outer - inner)
+
+    def cut(self, low: float, high: float) -> Frustum:
+        """The part of it between two heights [m]."""
+        shares = [(z - self.z_low) / self.height for z in (low, high)]
+        inner = [self.inner_low + (self.inner_high - self.inner_low) * share for share in shares]
+        outer = [self.outer_low + (self.outer_high - self.outer_low) * share for share in shares]
+        return replace(
+            self,
+            z_low=low,
+            z_high=high,
+            inner_low=inner[0],
+            inner_high=inner[1],
+            outer_low=outer[0],
+            outer_high=outer[1],
+        )
 
 
 @dataclass(frozen=True)
@@ -347,6 +375,10 @@ class Box(Grid):
         _, dy, dz = self._steps
         return np.full(len(self.r_edges), dy * dz)
 
+    def slice(self, depth: float) -> Box:
+        """The grid of a slice of some depth [m] between periodic faces, which cut no particle."""
+        return replace(self, y_edges=np.array([0.0, depth]), cut=False)
+
     @property
     def front_area(self) -> float:
         """Area of the face of a cell across y [m²]."""
@@ -429,6 +461,12 @@ class Field:
     def velocity_scale(self) -> float:
         """Factor from solids flux at DEM scale to bulk velocity at the flow rate of the case."""
         return self.flow_scale / self.bulk_packing
+
+    def of_depth(self, depth: float) -> Field:
+        """That of a slab of another depth [m]: the same velocities, the flow in proportion."""
+        assert isinstance(self.grid, Box)
+        deep = replace(self.grid, y_edges=np.array([0.0, depth]), cut=True)
+        return replace(self, grid=deep, bulk_flow=self.bulk_flow * depth / self.grid.measure.turn)
 
     def save(self, path: Path) -> None:
         """Write ``field.npz``: every array and scalar that is known, under its name in this class.

@@ -68,6 +68,11 @@ class Dem(Group):
         description="Flat facets of the walls per turn, a multiple of 4; `auto` is as few as stay within a tenth of a "
         "particle diameter of the true wall.",
     )
+    thickness: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=1000, auto=True)] = Field(
+        default="auto",
+        description="Thickness of the slice of a slab (`symmetry: plane`) that is simulated, between periodic faces; "
+        "`auto`: 8 times the particles' d90. Flow rates and fields are those of `outline.depth` all the same.",
+    )
     ranks: Annotated[int | Literal["auto"], Whole(1, 4096, auto=True)] = Field(
         default="auto", description="MPI processes; `auto` uses the free cores as far as it helps."
     )

@@ -30,12 +30,17 @@ DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
 INSERT_FRACTION = 0.3
 """Packing that random insertion is asked for: 0.35–0.4 is the most it reaches, and a shortfall distorts the sizes."""
 
+Ends = tuple[float, float]
+
 _MESH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 
 
 @dataclass(frozen=True)
 class Slab:
-    """An insertion region: arguments of LIGGGHTS `region`, the name of its fix and the seed of its insertion."""
+    """An insertion region: arguments of LIGGGHTS `region`, the name of its fix and the seed of its insertion.
+
+    It is what lies in `outer` and not in `inner`, or in a slab what lies in both.
+    """
 
     name: str
     outer: str
@@ -76,6 +81,7 @@ class Deck(MaterialDeck):
     """All values that the templates of a filling and a production deck use; SI units."""
 
     density: float
+    periodic: bool
     box: tuple[float, ...]
     volume_limit: float
     classes: tuple[ParticleClass, ...]
@@ -104,7 +110,7 @@ class Deck(MaterialDeck):
 
 
 def make_deck(
-    case: Case, settings: Settings, frusta: Iterable[Frustum], obstacles: Iterable[str], wall_radius: float
+    case: Case, settings: Settings, frusta: Iterable[Frustum], obstacles: Iterable[str], sides: tuple[Ends, Ends]
 ) -> Deck:
     """Put a run together.
 
@@ -112,7 +118,7 @@ def make_deck(
     ----------
     frusta : insertion slices from the plate to the top of the feed region
     obstacles : names of the obstacle meshes
-    wall_radius : largest radius of the wall mesh, corners of its polygon included [m]
+    sides : ends of x and y between which the walls lie, corners included [m]; those of y are periodic in a slab
 
     Raises
     ------
@@ -138,7 +144,7 @@ def make_deck(
     )
     rolling = case.contact.rolling_model != "none" and max(case.contact.rolling_friction, wall.rolling_friction) > 0
     vessel = ("vessel", *map(_mesh_name, obstacles))
-    margin = 2 * classes.largest
+    margin, periodic = 2 * classes.largest, case.outline.symmetry == "plane"
     return Deck(
         contact_model=_contact_model(case, rolling),
         types=2 if own_wall else 1,
@@ -153,8 +159,11 @@ def make_deck(
         gravity=GRAVITY,
         time_step=settings.time_step,
         skin=settings.skin,
+        periodic=periodic,
         box=(
-            *(-wall_radius - margin, wall_radius + margin) * 2,
+            sides[0][0] - margin,
+            sides[0][1] + margin,
+            *(sides[1] if periodic else (sides[1][0] - margin, sides[1][1] + margin)),
             settings.bottom - margin,
             settings.wall_top + margin,
         ),
@@ -233,6 +242,8 @@ def _split(frustum: Frustum, height: float, level: float) -> Iterator[Frustum]:
 
 
 def _slab(name: str, piece: Frustum, seed: int) -> Slab:
+    if not piece.measure.axial:
+        return Slab(name, *_prisms(piece), seed)
     outer = _region(piece.outer_low, piece.outer_high, piece)
     inner = _region(piece.inner_low, piece.inner_high, piece) if max(piece.inner_low, piece.inner_high) > 0 else ""
     return Slab(name, outer, inner, seed)
@@ -243,6 +254,24 @@ def _region(lo: float, hi: float, piece: Frustum) -> str:
     if math.isclose(lo, hi):
         return f"cylinder z 0.0 0.0 {_number(lo)} {heights}"
     return f"cone z 0.0 0.0 {_number(lo)} {_number(hi)} {heights}"
+
+
+def _prisms(piece: Frustum) -> tuple[str, str]:
+    """Two prisms, the one with the right end and the other with the left one, that have the piece in common.
+
+    A block where both ends are upright.
+    """
+    low, high = min(piece.inner_low, piece.inner_high), max(piece.outer_low, piece.outer_high)
+    far = 2 * (high - low)
+    rest = f"{_number(0.0)} {_number(piece.measure.turn)} {_number(piece.z_low)} {_number(piece.z_high)} 0.0"
+    right, left = piece.outer_low, piece.inner_low
+    lean_right, lean_left = piece.outer_high - right, piece.inner_high - left
+    if lean_right == lean_left == 0:
+        return f"block {_number(left)} {_number(right)} {rest.removesuffix(' 0.0')}", ""
+    return (
+        f"prism {_number(right - far)} {_number(right)} {rest} {_number(lean_right)} 0.0",
+        f"prism {_number(left)} {_number(left + far)} {rest} {_number(lean_left)} 0.0",
+    )
 
 
 def _seeds(seed: int) -> Iterator[int]:

@@ -23,7 +23,7 @@ from granpipe.dem.run import Status
 from granpipe.dem.settings import PACKING, Settings
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import RunError
-from granpipe.field import Array, Mask
+from granpipe.field import Array, Mask, Measure
 
 FREE_SHARE = 0.5
 """Flow over the free discharge through an opening above which the plate may be too fast for the solids to follow."""
@@ -77,7 +77,8 @@ class FlowLimits:
 
     Parameters
     ----------
-    inside : radii and heights of centres (n,) [m] → which of them the walls and obstacles allow
+    measure : what r is
+    inside : r and heights of centres (n,) [m] → which of them the walls and obstacles allow
     levels : name → height [m] of every opening that all must pass
     areas : name → free area of the vessel at it [m²], at most that of the outlet
     loads : name → imposed flow over the free discharge through it
@@ -89,6 +90,7 @@ class FlowLimits:
     brink : area of the opening that it falls from [m²]
     """
 
+    measure: Measure
     inside: Callable[[Array, Array], Mask]
     levels: Mapping[str, float]
     areas: Mapping[str, float]
@@ -205,7 +207,7 @@ class FlowHealth:
     def _check_place(self, snapshot: Snapshot) -> None:
         settings = self.settings
         x, y, z = snapshot.position.T
-        r = np.hypot(x, y)
+        r = self.vessel.measure.across(x, y)
         plate = settings.plate_z - settings.plate_speed * settings.time_step * snapshot.step
         below = z < (settings.lowest if settings.open_outlet else plate)
         gone = below & settings.open_outlet  # on its way out of the box
@@ -214,7 +216,8 @@ class FlowHealth:
             one = outside[0]
             raise RunError(
                 f"step {snapshot.step}: {len(outside)} particles are outside the walls, none may be; one of them "
-                f"(radius {snapshot.radius[one]:.3g} m) at r = {r[one]:.4g} m, z = {z[one]:.4g} m: they were pressed "
+                f"(radius {snapshot.radius[one]:.3g} m) at {self.vessel.measure.letter} = {r[one]:.4g} m, "
+                f"z = {z[one]:.4g} m: they were pressed "
                 "or shot through; a larger contact.youngs_modulus or a smaller dem.time_step holds them"
             )
 

@@ -17,6 +17,7 @@ from granpipe.dem.duration import LEAST_TRAVEL, LEAST_TURNOVER, Duration, dumps_
 from granpipe.dem.sizes import SizeClasses, size_classes
 from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
+from granpipe.field import ROUND, Measure
 
 PACKING = 0.58
 """Random packing of a slowly moving bed of spheres; measured 0.57–0.59 above a sinking plate."""
@@ -95,10 +96,11 @@ class Vessel:
 
     Parameters
     ----------
-    wall : (r, z) from the inlet down to the outlet
+    wall : (r, z) from the inlet down to the outlet; of a slab (width, z)
     openings : every narrowing
     shares : of the flow that passes each opening
     widest : free area of the widest level [m²]
+    measure : what the section stands for
     """
 
     wall: tuple[tuple[float, float], ...]
@@ -106,6 +108,7 @@ class Vessel:
     openings: tuple[Opening, ...]
     shares: tuple[float, ...]
     widest: float
+    measure: Measure = ROUND
 
     @property
     def top(self) -> float:
@@ -116,16 +119,27 @@ class Vessel:
         return self.wall[-1][1]
 
     @property
+    def inlet_area(self) -> float:
+        return float(self.measure.area(0.0, self.wall[0][0]))
+
+    @property
+    def outlet_area(self) -> float:
+        return float(self.measure.area(0.0, self.wall[-1][0]))
+
+    @property
     def inlet_radius(self) -> float:
-        return self.wall[0][0]
+        """Half the width of a slab."""
+        return self.wall[0][0] * (1.0 if self.measure.axial else 0.5)
 
     @property
     def outlet_radius(self) -> float:
-        return self.wall[-1][0]
+        """Half the width of a slab."""
+        return self.wall[-1][0] * (1.0 if self.measure.axial else 0.5)
 
-    def bed(self, top: float, bottom: float) -> list[tuple[float, float]]:
-        """(r, z) of the wall with its straight ends above inlet and below outlet."""
-        return [(self.inlet_radius, top), *self.wall, (self.outlet_radius, bottom)]
+    def bed_stress(self, top: float, bottom: float, bulk_density: float, friction: float) -> BedStress:
+        """That of a bed which fills the vessel and its straight ends above the inlet and below the outlet."""
+        line = [(self.wall[0][0], top), *self.wall, (self.wall[-1][0], bottom)]
+        return bed_stress(line, bulk_density, friction, self.measure)
 
 
 @dataclass(frozen=True)
@@ -230,10 +244,10 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     plate_z = vessel.outlet - clearance
     feed = min(reservoir, 8 * classes.largest)
     skin = contact.two_digits(SKIN * classes.mean_diameter)
-    stress = bed_stress(vessel.bed(level, plate_z), PACKING * case.material.density, case.contact.wall.friction)
+    stress = vessel.bed_stress(level, plate_z, PACKING * case.material.density, case.contact.wall.friction)
     youngs, youngs_choice = _youngs_modulus(case, stress)
     speed, speed_choice = _flow_speed(case, vessel, classes, stress)
-    inlet_speed = speed * (vessel.outlet_radius / vessel.inlet_radius) ** 2
+    inlet_speed = speed * vessel.outlet_area / vessel.inlet_area
     fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + speed
     step, rayleigh, step_choice = _time_step(case, classes, youngs, fall, skin)
     length = _length(case, vessel, classes, speed)
@@ -242,10 +256,8 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))
     per_segment = dumps_per_segment(length.room, step * dump_every)
     segments = max(1, round(length.time / (step * dump_every * per_segment)))
-    volume = vessel.volume + math.pi * (
-        vessel.inlet_radius**2 * reservoir + vessel.outlet_radius**2 * (clearance + 0.5 * travel)
-    )
-    particles = round(PACKING * volume / classes.mean_volume)
+    ends = vessel.inlet_area * reservoir + vessel.outlet_area * (clearance + 0.5 * travel)
+    particles = round(PACKING * (vessel.volume + ends) / classes.mean_volume)
     return Settings(
         classes=classes,
         youngs_modulus=youngs,
@@ -420,7 +432,7 @@ def _time_step(
 
 def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStress) -> tuple[float, Decision]:
     """Plate speed [m/s]; with an open outlet the mean speed of the free discharge through the narrowest opening."""
-    area = math.pi * vessel.outlet_radius**2
+    area = vessel.outlet_area
     if case.dem.outlet == "open":
         required = [opening for opening in vessel.openings if opening.required]
         narrowest = min(required, key=lambda opening: free_flow(opening, classes.mean_diameter))
@@ -462,7 +474,7 @@ def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStr
 
 def _length(case: Case, vessel: Vessel, classes: SizeClasses, speed: float) -> Duration:
     """Time of production, for a mean speed in the outlet [m/s]."""
-    outlet, given = math.pi * vessel.outlet_radius**2, case.dem.max_time
+    outlet, given = vessel.outlet_area, case.dem.max_time
     return duration(
         None if given == "auto" else float(given),
         case.dem.statistical_error,

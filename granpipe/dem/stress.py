@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import pi
 
 import numpy as np
 
 from granpipe.dem.contact import janssen_step
-from granpipe.field import Array
+from granpipe.field import ROUND, Array, Measure
 
 _SLICES = 40  # of each straight piece of wall
 
@@ -45,7 +44,9 @@ class BedStress:
         return float(np.interp(-z, -self.level, self.stress))
 
 
-def bed_stress(wall: Sequence[tuple[float, float]], bulk_density: float, friction: float) -> BedStress:
+def bed_stress(
+    wall: Sequence[tuple[float, float]], bulk_density: float, friction: float, measure: Measure = ROUND
+) -> BedStress:
     """Stress in a bed that fills a vessel to its top and rests on its bottom.
 
     Where the vessel widens at a ledge the bed's weight is spread over the larger area; where it narrows the ledge
@@ -53,20 +54,21 @@ def bed_stress(wall: Sequence[tuple[float, float]], bulk_density: float, frictio
 
     Parameters
     ----------
-    wall : (r, z) of the wall from the top of the bed to its bottom [m]
+    wall : (r, z) of the wall from the top of the bed to its bottom [m]; of a slab (width, z)
     bulk_density : [kg/m³]
     friction : on the wall
+    measure : what the section stands for; 4 × area / perimeter is twice the radius, and twice the width of a slab
     """
     stress = 0.0
     rows: list[tuple[float, float, float]] = []
     for (r0, z0), (r1, z1) in pairwise(wall):
         if z0 <= z1:
-            stress *= min(1.0, (r0 / r1) ** 2)
+            stress *= min(1.0, (r0 / r1) ** 2 if measure.axial else r0 / r1)
             continue
         edges = np.linspace(0, 1, _SLICES + 1)
         depth = (z0 - z1) / _SLICES
         for share in 0.5 * (edges[1:] + edges[:-1]):
             r = r0 + (r1 - r0) * share
             stress = janssen_step(stress, bulk_density, 2 * r, friction, depth)
-            rows.append((z0 + (z1 - z0) * share - 0.5 * depth, stress, pi * r**2 * depth))
+            rows.append((z0 + (z1 - z0) * share - 0.5 * depth, stress, float(measure.area(0.0, r)) * depth))
     return BedStress(*np.array(rows).T)

@@ -40,6 +40,9 @@ class Side:
     def at(self, z: float) -> float:
         return self.r0 + self.slope * (z - self.z0)
 
+    def mirrored(self) -> Side:
+        return Side(-self.r0, self.z0, -self.slope)
+
 
 @dataclass(frozen=True)
 class _Flank:
@@ -82,16 +85,21 @@ class ExcludedRegion:
     left: Side
     right: Side
 
+    def mirrored(self) -> ExcludedRegion:
+        """The same on the other side of r = 0."""
+        return ExcludedRegion(self.z_low, self.z_high, self.right.mirrored(), self.left.mirrored())
+
 
 _FAR_LEFT, _FAR_RIGHT = Side(-inf, 0.0, 0.0), Side(inf, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """Distance of a particle's centre to solids [m]; its horizontal reach per depth below an edge; outer radius [m]."""
+    """Distance of a particle's centre to solids [m]; its horizontal reach per depth below an edge; ends of r [m]."""
 
     margin: float
     spread: float
+    r_min: float
     r_max: float
 
     def unreachable(self, z: float, left: float, right: float) -> ExcludedRegion:
@@ -99,7 +107,7 @@ class Clearance:
         inwards = self.spread if left > -inf else 0.0
         outwards = self.spread if right < inf else 0.0
         closing = inwards + outwards
-        span = min(right, self.r_max) - max(left, 0.0) if closing != 2 * self.spread else right - left
+        span = min(right, self.r_max) - max(left, self.r_min) if closing != 2 * self.spread else right - left
         depth = max(span, 0.0) / closing if closing else inf
         return ExcludedRegion(z - depth, z, Side(left, z, -inwards), Side(right, z, outwards))
 
@@ -112,7 +120,11 @@ class Clearance:
 
 def excluded_regions(outline: Outline, top: float, bottom: float, clearance: Clearance) -> list[ExcludedRegion]:
     """All regions in which no particle's centre can be, for the vessel from `top` down to `bottom` [m]."""
-    return [*_wall(outline, top, bottom, clearance), *_obstacles(outline, clearance)]
+    walls = [*_wall(outline, top, bottom, clearance)]
+    if not outline.measure.axial:
+        turned = Clearance(clearance.margin, clearance.spread, -clearance.r_max, -clearance.r_min)
+        walls += [region.mirrored() for region in _wall(outline.mirrored(), top, bottom, turned)]
+    return [*walls, *_obstacles(outline, clearance)]
 
 
 def _wall(outline: Outline, top: float, bottom: float, clearance: Clearance) -> Iterator[ExcludedRegion]:
@@ -135,8 +147,13 @@ def _obstacles(outline: Outline, clearance: Clearance) -> Iterator[ExcludedRegio
     for name, left, right in _slabs(outline):
         (left0, z0), (left1, z1) = left
         right0, right1 = right[0][0], right[1][0]
-        at_axis = max(left0, left1) <= outline.tolerance
-        at_wall = 0.5 * (right0 + right1) >= outline.wall_radius(0.5 * (z0 + z1)) - outline.tolerance
+        middle = 0.5 * (z0 + z1)
+        at_axis = (
+            max(left0, left1) <= outline.tolerance
+            if outline.measure.axial
+            else 0.5 * (left0 + left1) <= outline.left_end(middle) + outline.tolerance
+        )
+        at_wall = 0.5 * (right0 + right1) >= outline.wall_radius(middle) - outline.tolerance
         near = _Flank(_FAR_LEFT if at_axis else Side.through(*left), z0, z1, -clearance.margin)
         far = _Flank(_FAR_RIGHT if at_wall else Side.through(*right), z0, z1, clearance.margin)
         yield ExcludedRegion(z0, z1, near.line, far.line)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 JOINING_LOSS = 0.1
 """Part of the volume that may be lost where low slabs become one: a curved wall would otherwise leave slivers only."""
-_AXIS = Side(0.0, 0.0, 0.0)
+_AXIS, _FAR_LEFT = Side(0.0, 0.0, 0.0), Side(-inf, 0.0, 0.0)
 
 
 def insertion_frusta(
@@ -39,9 +39,9 @@ def insertion_frusta(
     angle : angle from the horizontal under an edge above which nothing is inserted [rad]
     min_size : slabs lower or narrower than this [m] are joined with their neighbours if that loses little, or left out
     """
-    excluded = excluded_regions(outline, top, bottom, Clearance(margin, 1 / tan(angle), outline.r_max))
+    excluded = excluded_regions(outline, top, bottom, Clearance(margin, 1 / tan(angle), outline.r_min, outline.r_max))
     levels = _levels(excluded, top, bottom, outline.tolerance)
-    rows = [_free(excluded, low, high, outline.tolerance) for high, low in pairwise(levels)]
+    rows = [_free(excluded, low, high, outline) for high, low in pairwise(levels)]
     slabs = [slab for chain in _chains(_reached(rows)) for slab in _joined(chain, min_size, outline.tolerance)]
     useful = [slab for slab in slabs if min(slab.height, slab.width) >= min_size]
     return tuple(sorted(useful, key=lambda f: (-f.z_high, f.inner_high)))
@@ -66,16 +66,17 @@ def _levels(excluded: list[ExcludedRegion], top: float, bottom: float, tolerance
     return levels
 
 
-def _free(excluded: list[ExcludedRegion], low: float, high: float, tolerance: float) -> list[Frustum]:
+def _free(excluded: list[ExcludedRegion], low: float, high: float, outline: Outline) -> list[Frustum]:
     """What the excluded regions leave free between two levels."""
-    middle = 0.5 * (low + high)
+    middle, tolerance, axial = 0.5 * (low + high), outline.tolerance, outline.measure.axial
     active = [b for b in excluded if b.z_low < middle < b.z_high and b.left.at(middle) < b.right.at(middle)]
     active.sort(key=lambda b: b.left.at(middle))
-    free, inner = [], _AXIS
+    free, inner = [], _AXIS if axial else _FAR_LEFT
     for b in active:
         if b.left.at(middle) - inner.at(middle) > tolerance:
             radii = [side.at(z) for side in (inner, b.left) for z in (low, high)]
-            free.append(Frustum(low, high, *(r if r > tolerance else 0.0 for r in radii)))
+            r0, r1, r2, r3 = (r if r > tolerance or not axial else 0.0 for r in radii)
+            free.append(Frustum(low, high, r0, r1, r2, r3, outline.measure))
         if b.right.at(middle) > inner.at(middle):
             inner = b.right
     return free
@@ -149,5 +150,8 @@ def _largest_within(slabs: list[Frustum]) -> Frustum:
     step_in = float(np.max(inner - inner[-1] - part * (inner[0] - inner[-1])))
     step_out = float(np.min(outer - outer[-1] - part * (outer[0] - outer[-1])))
     ends = [(float(inner[i]) + step_in, float(outer[i]) + step_out) for i in (-1, 0)]
-    (inner_low, outer_low), (inner_high, outer_high) = ((i if i > 1e-9 * o else 0.0, max(i, o)) for i, o in ends)
-    return Frustum(float(z[-1]), float(z[0]), inner_low, inner_high, outer_low, outer_high)
+    measure = slabs[0].measure
+    (inner_low, outer_low), (inner_high, outer_high) = (
+        (i if i > 1e-9 * o or not measure.axial else 0.0, max(i, o)) for i, o in ends
+    )
+    return Frustum(float(z[-1]), float(z[0]), inner_low, inner_high, outer_low, outer_high, measure)

@@ -7,7 +7,7 @@ is x in a slab; the axis is the left wall of what has no left wall.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
@@ -134,6 +134,23 @@ class Outline:
         """The vessel as its outer walls see it: itself, and the mirror image of a slab, where left is right."""
         return (self,) if self.measure.axial else (self, self.mirrored())
 
+    @property
+    def inlet_area(self) -> float:
+        """[m²]."""
+        return self._end_area(0)
+
+    @property
+    def outlet_area(self) -> float:
+        """[m²]."""
+        return self._end_area(-1)
+
+    def _end_area(self, end: int) -> float:
+        return float(self.measure.area(self.left[end, 0], self.wall[end, 0]))
+
+    def of_depth(self, depth: float) -> Outline:
+        """The slab with another depth [m]."""
+        return replace(self, measure=Measure(depth, axial=False))
+
     def mirrored(self) -> Outline:
         """The mirror image of a slab."""
         turn = np.array([-1.0, 1.0])
@@ -175,6 +192,10 @@ class Outline:
         """Radius of the outer wall [m] at heights z; at a ledge just below or just above it."""
         return self._at_wall(z, side)[0]
 
+    def left_end(self, z: ArrayLike, side: Side = "below") -> Array:
+        """0 on the axis, or x of the left wall [m] at heights z; at a ledge just below or just above it."""
+        return np.zeros_like(z, dtype=float) if self.measure.axial else -self.mirrored().wall_radius(z, side)
+
     def wall_slope(self, z: ArrayLike, side: Side = "below") -> Array:
         """dr/dz of the outer wall at heights z; at a corner just below or just above it."""
         return self._at_wall(z, side)[1]
@@ -184,13 +205,13 @@ class Outline:
         heights = np.asarray(z, dtype=float)
         spans, radii = self.edges.at(heights.reshape(-1), side)
         reach = np.sum(np.where(spans, self.edges.sign[:, None] * self.measure.reach(radii), 0.0), axis=0)
-        ends = [self.measure.area(*(chain[end, 0] for chain in (self.left, self.wall))) for end in (0, -1)]
-        return self._beyond(heights, side, self.measure.turn * reach.reshape(heights.shape), *ends)
+        area = self.measure.turn * reach.reshape(heights.shape)
+        return self._beyond(heights, side, area, self.inlet_area, self.outlet_area)
 
     def intervals(self, z: float, side: Side = "below") -> list[tuple[float, float]]:
         """Free intervals (r0, r1) [m] at height z, from the left; at a ledge just below or above it."""
         solids = sorted(self._solid_intervals(z, side))
-        free, reached = [], 0.0 if self.measure.axial else -float(self.mirrored().wall_radius(z, side))
+        free, reached = [], float(self.left_end(z, side))
         for r0, r1 in [*solids, (float(self.wall_radius(z, side)), np.inf)]:
             if r0 - reached > self.tolerance:
                 free.append((reached, r0))

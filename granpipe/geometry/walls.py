@@ -1,8 +1,9 @@
-"""The vessel as surfaces of revolution for LIGGGHTS: one STL file each for the wall, every obstacle and the plate.
+"""The vessel as surfaces for LIGGGHTS: one STL file each for the walls, every obstacle and the plate.
 
-Facets stand one above the other and not staggered: only then is every horizontal cut a regular polygon with the area
-of its circle. Staggered by half a facet, the cut midway between two rings is (1 + cos α)/(2 cos α) times too large,
-α = π/facets: 1.8 % at 12 facets, 0.4 % at 24.
+A slab is made of plane strips (`granpipe.geometry.extrude`), a body of revolution of facets. They stand one above the
+other and not staggered: only then is every horizontal cut a regular polygon with the area of its circle. Staggered by
+half a facet, the cut midway between two rings is (1 + cos α)/(2 cos α) times too large, α = π/facets: 1.8 % at 12
+facets, 0.4 % at 24.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 from granpipe.errors import MeshError
 from granpipe.field import Array
+from granpipe.geometry.extrude import extruded, write_stl
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import edges_of, nearest_points
 from granpipe.geometry.revolve import SMALLEST_ANGLE, Turn, generatrix, triangle_angles
@@ -32,10 +34,10 @@ class Walls:
     ----------
     files : name of the mesh (vessel, obstacle_<name>, plate) → STL file
     triangles : name of the mesh → number of triangles
-    facets : of the vessel's wall per turn
-    radius : largest distance of a corner from the axis [m]
+    facets : of the vessel's wall per turn; 0 of a slab
+    sides : ends of x and of y between which the walls lie; those of y are periodic in a slab [m]
     inward : how far the middle of a facet lies inside the true wall, at most [m]
-    plate_area : of the outlet's polygon [m²], which is that of its circle
+    plate_area : of the outlet's polygon [m²], which is that of its circle, or of the slot
     smallest_angle : of all triangles [rad]
     box : (3, 2) lowest and highest x, y and z [m]
     """
@@ -43,7 +45,7 @@ class Walls:
     files: Mapping[str, Path]
     triangles: Mapping[str, int]
     facets: int
-    radius: float
+    sides: tuple[tuple[float, float], tuple[float, float]]
     inward: float
     plate_area: float
     smallest_angle: float
@@ -78,8 +80,10 @@ def build_walls(
     """
     if not (top >= outline.z_top and bottom <= outline.z_bottom):
         raise ValueError("reservoir and extension lie outside the outline")
+    if not outline.measure.axial:
+        return _slab(outline, top, bottom, plate_z, folder)
     turn = _turn(outline.r_max, particle_diameter, facets)
-    lines = {"vessel": ([_vessel(outline, top, bottom)], turn)}
+    lines = {"vessel": ([_with_ends(outline.wall, top, bottom)], turn)}
     for name in outline.obstacles:
         radius = _group_radius(outline, name)
         lines[f"obstacle_{name}"] = (_exposed(outline, name), _turn(radius, particle_diameter, facets))
@@ -90,13 +94,38 @@ def build_walls(
         files[name] = folder / f"{name}.stl"
         meshes[name] = _revolve([generatrix(part, own_turn, name) for part in parts], own_turn, files[name])
     corners = np.concatenate(list(meshes.values()))
+    radius = float(np.hypot(corners[..., 0], corners[..., 1]).max())
     return Walls(
         files=files,
         triangles={name: len(mesh) for name, mesh in meshes.items()},
         facets=turn.facets,
-        radius=float(np.hypot(corners[..., 0], corners[..., 1]).max()),
+        sides=((-radius, radius), (-radius, radius)),
         inward=turn.inward * outline.r_max,
         plate_area=pi * outline.outlet_radius**2,
+        smallest_angle=min(_checked(name, mesh) for name, mesh in meshes.items()),
+        box=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], axis=1),
+    )
+
+
+def _slab(outline: Outline, top: float, bottom: float, plate_z: float | None, folder: Path) -> Walls:
+    """The walls of a slab, from y = 0 to its depth."""
+    depth = outline.measure.turn
+    lines = {"vessel": [_with_ends(chain, top, bottom) for chain in (outline.left, outline.wall)]}
+    lines |= {f"obstacle_{name}": _exposed(outline, name) for name in outline.obstacles}
+    if plate_z is not None:
+        lines["plate"] = [np.array([[chain[-1, 0], plate_z] for chain in (outline.left, outline.wall)])]
+    meshes = {name: extruded(parts, depth, name) for name, parts in lines.items()}
+    files = {name: folder / f"{name}.stl" for name in meshes}
+    for name, mesh in meshes.items():
+        write_stl(mesh, files[name])
+    corners = np.concatenate(list(meshes.values()))
+    return Walls(
+        files=files,
+        triangles={name: len(mesh) for name, mesh in meshes.items()},
+        facets=0,
+        sides=((outline.r_min, outline.r_max), (0.0, depth)),
+        inward=0.0,
+        plate_area=outline.outlet_area,
         smallest_angle=min(_checked(name, mesh) for name, mesh in meshes.items()),
         box=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], axis=1),
     )
@@ -106,9 +135,9 @@ def _turn(radius: float, particle_diameter: float, facets: int | None) -> Turn:
     return Turn.within(radius, particle_diameter) if facets is None else Turn.of(facets, particle_diameter)
 
 
-def _vessel(outline: Outline, top: float, bottom: float) -> Array:
-    """The wall with its straight ends."""
-    line = [[outline.inlet_radius, top], *outline.wall.tolist(), [outline.outlet_radius, bottom]]
+def _with_ends(wall: Array, top: float, bottom: float) -> Array:
+    """A wall (n, 2) with its straight ends."""
+    line = [[float(wall[0, 0]), top], *wall.tolist(), [float(wall[-1, 0]), bottom]]
     return np.array([a for a, b in pairwise(line) if a != b] + line[-1:])
 
 
@@ -123,10 +152,9 @@ def _group_radius(outline: Outline, name: str) -> float:
 def _exposed(outline: Outline, name: str) -> list[Array]:
     """The lines of an obstacle's edges that particles can touch."""
     edges = edges_of(outline.obstacles[name], closed=True)
-    on_wall = nearest_points(edges.reshape(-1, 2), edges_of(outline.wall))[0].reshape(len(edges), 2, -1)
-    along_wall = np.any(np.all(on_wall <= outline.tolerance, axis=1), axis=1)
-    along_axis = np.all(edges[:, :, 0] <= outline.tolerance, axis=1)
-    hidden = np.asarray(along_wall | along_axis)
+    walls = np.concatenate([edges_of(outline.wall), edges_of(outline.left)])  # the axis is the left one
+    on_wall = nearest_points(edges.reshape(-1, 2), walls)[0].reshape(len(edges), 2, -1)
+    hidden = np.asarray(np.any(np.all(on_wall <= outline.tolerance, axis=1), axis=1))
     if not hidden.any():
         return [np.concatenate([edges[:, 0], edges[:1, 0]])]
     first = int(np.flatnonzero(hidden)[0]) + 1
@@ -136,7 +164,8 @@ def _exposed(outline: Outline, name: str) -> list[Array]:
             lines.append([])
         else:
             lines[-1] += [edges[i, 1]] if lines[-1] else [edges[i, 0], edges[i, 1]]
-    return [_on_axis(np.array(line), outline.tolerance) for line in lines if line]
+    tolerance = outline.tolerance if outline.measure.axial else -np.inf
+    return [_on_axis(np.array(line), tolerance) for line in lines if line]
 
 
 def _on_axis(points: Array, tolerance: float) -> Array:

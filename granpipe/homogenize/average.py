@@ -290,7 +290,7 @@ class Collector:
         (then, old), (now, new) = before, after
         _, at_old, at_new = np.intersect1d(old.id, new.id, return_indices=True)
         start, radius, duration = old.position[at_old], new.radius[at_new], now - then
-        path = new.position[at_new] - start
+        path = self._shortest(new.position[at_new] - start)
         if self.jump is not None:
             speed = np.maximum(*(np.linalg.norm(v, axis=1) for v in (old.velocity[at_old], new.velocity[at_new])))
             went = ~jumped(path[:, self._axes], speed * duration, self.jump)
@@ -306,6 +306,13 @@ class Collector:
             radius,
             lambda those: deposit_paths(start[those], path[those], radius[those], duration, self.grid, self.points),
         )
+
+    def _shortest(self, path: Array) -> Array:
+        """Paths (n, 3) that leave a slab through one end of its depth and come in at the other, made whole again."""
+        if isinstance(self.grid, Box) and self.grid.flat and not self.grid.cut:
+            depth = self.grid.measure.turn
+            path[:, 1] -= depth * np.round(path[:, 1] / depth)
+        return path
 
     def _take(self, time: float, weight: float, sample: Sample) -> Deposit:
         """Add one sample to the sums and to the series."""

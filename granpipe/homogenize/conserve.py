@@ -116,10 +116,7 @@ def bed_packing(sums: Sums, inside_fraction: Array, bottom: float, diameter: flo
     ------
     DataError : no cell is that far from the walls
     """
-    reach = int(np.ceil(diameter / sums.grid.cell))
-    walled = np.pad(inside_fraction, ((0, 0), (0, reach)))
-    nearest = ndimage.minimum_filter(walled, 2 * reach + 1, mode="nearest")[:, : inside_fraction.shape[1]]
-    core = nearest > 1 - 1e-9
+    core = _far_from_walls(inside_fraction, sums.grid, diameter, along_z=True)
     if not core.any():
         raise DataError(f"the vessel is too narrow for its packing to be measured {diameter:g} m away from its walls")
     above = core & (sums.grid.z_edges[:-1] >= bottom - 1e-9)[:, None]
@@ -129,14 +126,21 @@ def bed_packing(sums: Sums, inside_fraction: Array, bottom: float, diameter: flo
 
 def _core_packing(sums: Sums, inside_fraction: Array, rows: Mask, diameter: float) -> float:
     """Solids fraction of the cells of some rows that are at least a diameter from every wall."""
-    reach = int(np.ceil(diameter / sums.grid.cell))
-    # beyond the outermost edge is wall; on the other side of the axis is the vessel
-    walled = np.pad(inside_fraction, ((0, 0), (0, reach)))
-    nearest = ndimage.minimum_filter1d(walled, 2 * reach + 1, axis=1, mode="nearest")[:, : inside_fraction.shape[1]]
-    core = (nearest > 1 - 1e-9) & rows[:, None]
+    core = _far_from_walls(inside_fraction, sums.grid, diameter, along_z=False) & rows[:, None]
     if not core.any():
         raise DataError(f"the plug is too narrow for its packing to be measured {diameter:g} m away from its walls")
     return float(sums.mean_volume[core].sum() / np.broadcast_to(sums.grid.cell_volume, core.shape)[core].sum())
+
+
+def _far_from_walls(inside_fraction: Array, grid: Grid, diameter: float, along_z: bool) -> Mask:
+    """(nz, nr) cells at least a diameter from every wall, sidewise or, with `along_z`, from every ledge as well."""
+    reach = int(np.ceil(diameter / grid.cell))
+    # beyond the outermost edge is wall; on the other side of an axis is the vessel
+    before = 0 if grid.measure.axial else reach
+    walled = np.pad(inside_fraction, ((0, 0), (before, reach)))
+    window = 2 * reach + 1
+    nearest = ndimage.minimum_filter(walled, (window if along_z else 1, window), mode="nearest")
+    return np.asarray(nearest[:, before : before + inside_fraction.shape[1]] > 1 - 1e-9)
 
 
 def scale_rows(flux_r: Array, flux_z: Array, grid: Grid, solids_flow: float) -> tuple[Array, Array]:

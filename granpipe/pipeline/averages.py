@@ -43,7 +43,7 @@ def averaged_field(case: Case, outline: Outline, segments: Sequence[Sums], diame
     sums = merge(segments)
     inside = outline.inside_fraction(sums.grid)
     plug = _plug(case, outline, sums, inside, diameter, case.material.packing)
-    scale = target_flow(case, plug.packing) / plug.bulk_flow
+    scale = outline.measure.share(case.outline.depth) * target_flow(case, plug.packing) / plug.bulk_flow
     if case.homogenize.method == "gaussian":
         field = gaussian_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale)
         return AveragedField(field, plug, {})

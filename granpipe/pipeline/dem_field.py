@@ -102,6 +102,8 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     averaged = averaged_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
     summed = ExtraSums.of(plan)
     field = summed.added(averaged.field, steady)
+    if plan.case.outline.depth is not None:
+        field = field.of_depth(plan.case.outline.depth)
     settled = [SettleRecord.read(production.settled) for production in productions]
     figures = averaged.figures | summed.figures(steady) | run_statistics(steady, plan.case.outline.levels)
     if angles := _surface_angles(field, plan):
@@ -134,7 +136,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
             "averaged_from_s": min(sums.start for sums in steady),
             "averaged_to_s": max(sums.stop for sums in steady),
             "averaged_plate_travel_m": whole.duration * settings.plate_speed,
-            "solids_flow_m3_per_s": averaged.plug.solids_flow,
+            "solids_flow_m3_per_s": field.bulk_flow * field.bulk_packing,
             "bulk_density_kg_per_m3": plan.case.material.density * averaged.plug.packing,
             "reference_overlap": overlap,
             "overlap_correction": rigid_share(overlap),
@@ -158,7 +160,8 @@ def _discharge(plan: Plan, steady: Sequence[Sums], productions: Sequence[Product
         return None
     reports = {production.run: production.reports() for production in productions}
     near_outlet = plug_range(plan.outline, plan.grid)
-    return measure_discharge(steady, near_outlet, plan.case.material.density, reports, plan.dem.time_step)
+    found = measure_discharge(steady, near_outlet, plan.case.material.density, reports, plan.dem.time_step)
+    return found.times(1 / plan.outline.measure.share(plan.case.outline.depth))
 
 
 def _surface_angles(field: Field, plan: Plan) -> dict[str, dict[str, float]]:

@@ -39,6 +39,7 @@ FILL_ANGLE = np.radians(60)
 material runs into the corners by itself and the free surface is its own, not left from the filling."""
 
 _VERSION = 5
+_WALLS_VERSION = 6
 
 
 def simulate(plan: Plan, context: Context, criterion: Criterion) -> tuple[Production, ...]:
@@ -89,7 +90,7 @@ def make_walls(plan: Plan, context: Context) -> Path:
     def work(folder: Path) -> None:
         walls = build_walls(plan.outline, folder=folder, facets=_facets(plan), **_wall_lengths(plan))
         triangles = dict(walls.triangles)
-        WallRecord(walls.facets, walls.radius, walls.inward, triangles, walls.plate_area).write(folder)
+        WallRecord(walls.facets, walls.sides, walls.inward, triangles, walls.plate_area).write(folder)
 
     return context.store.make("walls", key, work)
 
@@ -102,7 +103,9 @@ def _walls_key(plan: Plan, versions: Mapping[str, str]) -> str:
         "facets": _facets(plan),
         "gmsh": versions["gmsh"],
     }
-    return key_of("walls", _VERSION, inputs)
+    if not outline.measure.axial:
+        inputs |= {"left": outline.left.tolist(), "depth": outline.measure.turn}
+    return key_of("walls", _WALLS_VERSION, inputs)
 
 
 def _facets(plan: Plan) -> int | None:
@@ -208,7 +211,7 @@ def compose_deck(plan: Plan, walls: Path) -> Deck:
         outline, settings.feed_top, above_plate, margin, float(FILL_ANGLE), 2 * settings.classes.smallest
     )
     meshes = [f"obstacle_{name}" for name in outline.obstacles]
-    return make_deck(plan.case, settings, frusta, meshes, report.wall_radius)
+    return make_deck(plan.case, settings, frusta, meshes, report.sides)
 
 
 def _settle_record(status: Status, bed: Snapshot, deck: Deck, seconds: tuple[float, float], ranks: int) -> SettleRecord:

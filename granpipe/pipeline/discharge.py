@@ -32,6 +32,11 @@ class Discharge:
     standard_error: float | None
     counted_kg_per_s: float | None
 
+    def times(self, factor: float) -> Discharge:
+        """That of a vessel which is so many times as deep."""
+        known = {name: value * factor for name, value in asdict(self).items() if value is not None}
+        return replace(self, **known)
+
     @property
     def gates(self) -> tuple[Gate, ...]:
         """Whether both agree."""

@@ -122,8 +122,7 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     found = survey(request, (outline.z_bottom, outline.z_top), _inside(outline))
     if slab:
         grid = slab_grid(found, frame, outline)
-        case, whole = _of_depth(case, grid), case
-        outline = Outline.from_case(case)
+        outline = outline.of_depth(grid.measure.turn)
     else:
         grid = Grid.covering(outline.r_max, outline.z_bottom, outline.z_top, frame.cell)
     summed = _extra_sums(case, outline, grid, found)
@@ -139,36 +138,11 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     gates += [*solids_gate(found, held_solids(field), frame), PACKING.gate(field.bulk_packing)]
     figures |= {"largest_packing": densest, "solids_outside_the_walls": outside}
     told = _told(field, case.homogenize.method, gates, found, collector, figures)
-    if slab:
-        told = replace(told, field=_deeper(told.field, whole))
-        depth = f"the dumps are {case.outline.depth:.4g} m deep, the field the {whole.outline.depth:g} m of the case"
+    if case.outline.depth is not None:
+        told = replace(told, field=told.field.of_depth(case.outline.depth))
+        depth = f"the dumps are {grid.measure.turn:.4g} m deep, the field the {case.outline.depth:g} m of the case"
         flow_notes = (*flow_notes, depth)
     return replace(told, notes=(*flow_notes, *told.notes))
-
-
-def _of_depth(case: Case, grid: Grid) -> Case:
-    """The case of a slab as deep as a grid, with that part of its flow rate."""
-    given, depth = case.outline.depth, grid.measure.turn
-    assert given is not None  # of a slab
-    rate = replace(
-        case.flow_rate,
-        **{
-            kind: value * depth / given
-            for kind in ("volume", "mass")
-            if (value := getattr(case.flow_rate, kind)) is not None
-        },
-    )
-    outline = case.outline.model_copy(update={"depth": depth})
-    return case.model_copy(update={"outline": outline, "flow_rate": rate})
-
-
-def _deeper(field: Field, case: Case) -> Field:
-    """The field of a slab of another depth: the same velocities, its flow in proportion."""
-    grid, depth = field.grid, case.outline.depth
-    assert isinstance(grid, Box)
-    assert depth is not None  # of a slab
-    deep = replace(grid, y_edges=np.array([0.0, depth]))
-    return replace(field, grid=deep, bulk_flow=field.bulk_flow * depth / grid.measure.turn)
 
 
 def _inside(outline: Outline) -> Callable[[Snapshot], Mask]:
@@ -181,7 +155,7 @@ def _inside(outline: Outline) -> Callable[[Snapshot], Mask]:
 
     def inside(snapshot: Snapshot) -> Mask:
         x, y, z = snapshot.position.T
-        return enclosed(np.column_stack([np.hypot(x, y) if axial else x, z]), edges)
+        return enclosed(np.column_stack([outline.measure.across(x, y), z]), edges)
 
     return inside
 

@@ -189,7 +189,7 @@ def _storage(segments: Sequence[Sums]) -> float:
 def _plate_flow(plan: Plan) -> float:
     """Solids that leave [m³/s]: by the plate, or by the free discharge that is expected."""
     settings, outline = plan.dem, plan.outline
-    return PACKING * settings.inlet_speed * math.pi * outline.inlet_radius**2
+    return PACKING * settings.inlet_speed * outline.inlet_area
 
 
 def _levels(segments: Sequence[Sums], flow: float) -> Levels:

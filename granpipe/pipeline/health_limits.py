@@ -21,12 +21,13 @@ _ROWS = 1000
 
 def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> FlowLimits:
     """Walls, openings and the scales of the flow."""
-    speed = settings.inlet_speed * (outline.inlet_radius / outline.outlet_radius) ** 2
-    bulk_flow = speed * np.pi * outline.outlet_radius**2
+    bulk_flow = settings.inlet_speed * outline.inlet_area
+    speed = bulk_flow / outline.outlet_area
     openings = find_openings(outline)
     # a stream leaves the highest opening with something below it to fall into; a plug sits on the plate
     edges = [opening for opening in openings if settings.open_outlet or opening.z > outline.z_bottom]
     return FlowLimits(
+        measure=outline.measure,
         inside=lambda r, z: _inside(outline, r, z),
         levels={_described(opening): opening.z for opening in openings},
         areas={_described(opening): _free_area(outline, opening.z) for opening in openings},
@@ -47,7 +48,7 @@ def _described(opening: Opening) -> str:
 def _free_area(outline: Outline, z: float) -> float:
     """Narrowest free area at a level, ledges included, at most that of the outlet [m²]."""
     here = (float(outline.area(z, side)) for side in ("above", "below"))
-    return min(np.pi * outline.outlet_radius**2, *here)
+    return min(outline.outlet_area, *here)
 
 
 def _load(outline: Outline, settings: Settings, opening: Opening, bulk_flow: float) -> float:
@@ -67,12 +68,19 @@ def _flow_energy(outline: Outline, bulk_flow: float) -> float:
 def _elastic_energy(outline: Outline, settings: Settings, wall_friction: float) -> float:
     """Most work by mass [J/kg] that the bed's weight does on its contacts: stress over density times their overlap."""
     height = settings.wall_top - settings.lowest
-    return contact.MEAN_OVERLAP * contact.janssen_step(0.0, 1.0, 2 * outline.r_max, wall_friction, height)
+    return contact.MEAN_OVERLAP * contact.janssen_step(0.0, 1.0, _hydraulic_diameter(outline), wall_friction, height)
+
+
+def _hydraulic_diameter(outline: Outline) -> float:
+    """4 × area / perimeter of the widest level [m]: the diameter, or twice the width of a slab."""
+    return outline.width if outline.measure.axial else 2 * outline.width
 
 
 def _inside(outline: Outline, r: Array, z: Array) -> Mask:
     """Whether points (n,) lie within the wall and outside the obstacles."""
     free = r < np.maximum(outline.wall_radius(z, "below"), outline.wall_radius(z, "above"))
+    if not outline.measure.axial:
+        free &= r > np.minimum(outline.left_end(z, "below"), outline.left_end(z, "above"))
     for polygon in outline.obstacles.values():
         free &= ~inside_polygon(np.column_stack([r, z]), polygon)
     return np.asarray(free)

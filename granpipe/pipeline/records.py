@@ -13,6 +13,7 @@ from granpipe.system.jsonfile import read_json, write_json
 
 Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0)]
 Ranks = Annotated[int, Field(ge=1)]
 
@@ -42,7 +43,7 @@ class WallRecord(_Record):
 
     name: ClassVar[str] = "walls.json"
     facets: Count
-    wall_radius: Positive
+    sides: tuple[tuple[Finite, Finite], tuple[Finite, Finite]]
     inward: Amount
     triangles: Mapping[str, Count]
     plate_area: Amount

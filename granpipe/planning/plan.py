@@ -57,6 +57,12 @@ FRICTION_NOTE = (
     "docs/validation/friction_fluid.md"
 )
 
+THICKNESS = 8.0
+"""Thickness of the slice of a slab that is simulated, in d90."""
+
+LEAST_THICKNESS = 4.0
+"""The same, at least."""
+
 TOO_WIDE = (
     "above a floor the funnel of a frictional fluid is too wide: it was 32 % wrong against DEM of two flat-bottomed "
     "silos; use particles (model: dem)"
@@ -205,14 +211,11 @@ class _Scene:
         by_dem = {name for name, need in self.needs.items() if need.model == "dem"}
         if not by_dem:
             return "fluid"
-        if self.case.outline.symmetry == "plane":
-            name = next(iter(name for name in self.needs if name in by_dem))
-            raise CaseError(
-                f"section {name} needs particles ({self.needs[name].reason}), which are simulated in bodies of "
-                "revolution only; model: fluid computes it all the same, where no floor is in the way, and marks it",
-                ("outline", "symmetry"),
-            )
-        if by_dem == set(self.needs) or not by_dem <= set(self.outline.sections):
+        if (
+            self.case.outline.symmetry == "plane"
+            or by_dem == set(self.needs)
+            or not by_dem <= set(self.outline.sections)
+        ):
             return "dem"
         hybrid, dem = self.plan("hybrid"), self.plan("dem")
         return "hybrid" if hybrid.particle_steps < HYBRID_GAIN * dem.particle_steps else "dem"
@@ -309,14 +312,15 @@ class _Scene:
         return unfit, doubts
 
     def _dem(self) -> Plan:
+        outline, thickness = self._simulated()
         try:
-            settings = choose(self.case, self._vessel(), self.cores)
+            settings = choose(self.case, _vessel(outline), self.cores)
         except CaseError as error:
             raise self._with_hint(error) from None
         self._check_duration(settings)
         reasons = "; ".join(f"{name}: {need.dem}" for name, need in self.needs.items() if need.dem)
         stages = [
-            Stage("walls", "LIGGGHTS needs the revolved walls, a reservoir and the outlet"),
+            Stage("walls", "LIGGGHTS needs the walls in space, a reservoir and the outlet"),
             Stage("settle", "fill by repeated insertion and come to rest"),
             Stage("produce", reasons or "the case asks for it"),
             Stage("field", f"average, then conserve by method {self.case.homogenize.method}"),
@@ -326,17 +330,40 @@ class _Scene:
         if "mixing" in self.case.homogenize.fields and len(settings.classes.radius) < 2:
             raise CaseError("mixing tells how sizes lie among each other, and material.size is one size alone", FIELDS)
         grid = self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER)
+        if isinstance(grid, Box):  # a periodic depth cuts no particle
+            grid = grid.slice(outline.measure.turn)
         self._check_sections(grid)
         notes = check_flow_rate(self.case, self.outline, self.openings)
         plan = self._made("dem", grid, stages, left, notes=list(notes))
         return replace(
             plan,
+            outline=outline,
             settings=settings,
-            decisions=(*settings.decisions, self._facets(settings)),
+            decisions=(*settings.decisions, thickness or self._facets(settings)),
             particle_steps=self._particle_steps(settings, settings.steps),
             seconds=self._seconds(settings, settings.steps),
             disk_bytes=self.case.dem.replicas * _disk(self.case, settings),
         )
+
+    def _simulated(self) -> tuple[Outline, Decision | None]:
+        """The vessel as particles fill it; of a slab a slice between periodic faces, with the choice of its depth."""
+        if self.outline.measure.axial:
+            if self.case.dem.thickness != "auto":
+                raise CaseError("only a slab, outline.symmetry: plane, has one; leave it out", ("dem", "thickness"))
+            return self.outline, None
+        classes = size_classes(self.case.material.size).enlarged(self.case.dem.coarse_grain_factor)
+        given = self.case.dem.thickness
+        thickness = THICKNESS * classes.d90 if given == "auto" else float(given)
+        ratio = thickness / classes.d90
+        if ratio < LEAST_THICKNESS:
+            raise CaseError(
+                f"{thickness:.3g} m is {ratio:.2g} times the particles' d90 of {classes.d90:.3g} m; a slab between "
+                f"periodic faces needs {LEAST_THICKNESS:g} of them, or its particles touch their own images",
+                ("dem", "thickness"),
+            )
+        breach = "" if ratio > 0.99 * THICKNESS else f"below {THICKNESS:g} d90 layers across the slab show in the field"
+        criterion = f"{THICKNESS:g} d90 between periodic faces: a thicker slab flows alike"
+        return self.outline.of_depth(thickness), Decision("slab thickness", f"{thickness:.3g} m", criterion, breach)
 
     def _check_sections(self, grid: Grid) -> None:
         """CaseError where a section is so thin that no row of the grid tells its error, as along a curved wall."""
@@ -521,15 +548,28 @@ class _Scene:
     def _opening_cell(self) -> float:
         return min(opening.gap for opening in self.openings) / CELLS_PER_OPENING
 
-    def _vessel(self) -> Vessel:
-        outline, openings = self.outline, self.openings
-        return Vessel(
-            wall=tuple((float(r), float(z)) for r, z in outline.wall),
-            volume=outline.volume(),
-            openings=openings,
-            shares=tuple(1.0 if p.required else min(1.0, p.area / float(outline.area(p.z))) for p in openings),
-            widest=outline.widest_area(),
-        )
+
+def _vessel(outline: Outline) -> Vessel:
+    openings = find_openings(outline)
+    axial = outline.measure.axial
+    return Vessel(
+        wall=tuple((float(r), float(z)) for r, z in outline.wall) if axial else tuple(_widths(outline)),
+        volume=outline.volume(),
+        openings=openings,
+        shares=tuple(1.0 if p.required else min(1.0, p.area / float(outline.area(p.z))) for p in openings),
+        widest=outline.widest_area(),
+        measure=outline.measure,
+    )
+
+
+def _widths(outline: Outline) -> Iterator[tuple[float, float]]:
+    """Width of a slab and height [m] from the top down; two at one height where a wall has a ledge."""
+    for z in outline.levels.tolist():
+        above, below = (float(outline.wall_radius(z, side) - outline.left_end(z, side)) for side in ("above", "below"))
+        if z < outline.z_top:
+            yield above, z
+        if z > outline.z_bottom and (z == outline.z_top or abs(above - below) > outline.tolerance):
+            yield below, z
 
 
 def decisions_of(submodels: Iterable[tuple[Span, Plan]]) -> tuple[Decision, ...]:

@@ -28,7 +28,11 @@ def check_plane(case: Case, by_dumps: bool = False) -> None:
             raise CaseError("a slab is computed as a viscous fluid only; leave it out", ("fluid", "rheology"))
         if case.fluid.annulus is not None:
             raise CaseError("an annular outlet needs an axis; a slab has none", ("fluid", "annulus"))
-    elif case.homogenize.method != "psi":
+        if case.dem.facets != "auto":
+            raise CaseError("the walls of a slab are flat; leave it out", ("dem", "facets"))
+        if "animation" in case.figures:
+            raise CaseError("an animation is made for r and z only; leave it out in a slab", ("figures",))
+    if case.homogenize.method != "psi":
         raise CaseError("in a slab only psi is possible", ("homogenize", "method"))
     if others := [name for name in case.export if name not in EXPORTS]:
         raise CaseError(f"{others[0]} is made for r and z only; in a slab choose of {', '.join(EXPORTS)}", ("export",))
@@ -41,14 +45,10 @@ def check_model(case: Case, model: str) -> None:
 
     Raises
     ------
-    CaseError : particles are asked for in a slab
+    CaseError : a hybrid is asked for in a slab
     """
-    if case.outline.symmetry == "plane" and model in ("dem", "hybrid"):
-        raise CaseError(
-            f"{model} needs particles, which are simulated in bodies of revolution only; a slab is computed as a "
-            "viscous fluid (model: fluid), or averaged from your own dumps (granpipe homogenize --plane xz)",
-            ("model",),
-        )
+    if case.outline.symmetry == "plane" and model == "hybrid":
+        raise CaseError("a slab is computed by particles or as a fluid, not as a hybrid: set dem or fluid", ("model",))
 
 
 def depth_note(case: Case) -> str:

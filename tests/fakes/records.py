@@ -7,7 +7,7 @@ from typing import Any
 
 from granpipe.pipeline.records import OverlapRecord, SegmentRecord, SettleRecord, WallRecord
 
-WALLS = WallRecord(40, 0.06, 0.0, {"wall": 80}, 0.01)
+WALLS = WallRecord(40, ((-0.06, 0.06), (-0.06, 0.06)), 0.0, {"wall": 80}, 0.01)
 
 SETTLED = SettleRecord(
     steps=1000, particles=300, inserted=300, short_insertions=0, mass_share=(1.0,), wanted_mass_share=(1.0,),

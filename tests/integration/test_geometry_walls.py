@@ -179,7 +179,7 @@ def test_facets_stay_within_the_chord_error_and_are_no_more_than_needed(scene):
 def test_numbers_in_the_report_are_those_of_the_files(scene):
     _, _, walls = scene
     corners = np.concatenate([read_stl(path) for path in walls.files.values()])
-    assert walls.radius == pytest.approx(np.hypot(corners[..., 0], corners[..., 1]).max())
+    assert walls.sides[0][1] == pytest.approx(np.hypot(corners[..., 0], corners[..., 1]).max())
     assert walls.box == pytest.approx(np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], axis=1))
 
 

@@ -21,7 +21,7 @@ def deck_of(case: Case) -> Deck:
     settings = plan.dem
     frusta = insertion_frusta(plan.outline, settings.feed_top, settings.plate_z, settings.classes.largest, 0.5)
     meshes = [f"obstacle_{name}" for name in plan.outline.obstacles]
-    return make_deck(case, settings, frusta, meshes, plan.outline.r_max)
+    return make_deck(case, settings, frusta, meshes, ((-plan.outline.r_max, plan.outline.r_max),) * 2)
 
 
 def deck_with(tiny: Path, **overrides: str) -> Deck:
@@ -95,7 +95,7 @@ def test_a_mesh_name_that_could_be_a_command_is_refused(tiny: Path) -> None:
     plan = make_plan(case)
     frusta = insertion_frusta(Outline.from_case(case), plan.dem.feed_top, plan.dem.plate_z, 0.01, 0.5)
     with pytest.raises(CaseError, match="cannot name a mesh"):
-        make_deck(case, plan.dem, frusta, ["x\nshell rm -rf /"], 0.06)
+        make_deck(case, plan.dem, frusta, ["x\nshell rm -rf /"], ((-0.06, 0.06),) * 2)
 
 
 def test_only_fine_particles_need_a_limit_for_small_regions(tiny: Path) -> None:
