@@ -588,10 +588,12 @@ def _extent(surfaces: Sequence[Sequence[float]], floor: float) -> tuple[float, f
     What is more than half a radius below the floor, the empty pipe under the plate, is left out.
     """
     bounds = np.array(surfaces)
-    x, low, high, back = np.abs(bounds[:, :2]).max(), bounds[:, 4].min(), bounds[:, 5].max(), bounds[:, 3].max()
-    margin = 0.03 * float(x)
-    low = max(low, floor - 0.5 * float(x))
-    return -x - margin, x + margin, low - margin, high + back * np.tan(ELEVATION) + margin
+    left, low = bounds[:, [0, 4]].min(axis=0)
+    right, back, high = bounds[:, [1, 3, 5]].max(axis=0)
+    half = 0.5 * float(right - left)
+    margin = 0.03 * half
+    low = max(low, floor - 0.5 * half)
+    return left - margin, right + margin, low - margin, high + back * np.tan(ELEVATION) + margin
 
 
 def _pixels(extent: tuple[float, float, float, float], long_side: int = 2200) -> list[int]:
@@ -631,10 +633,10 @@ def _add_open(plotter: Any, name: str, surface: Any) -> None:
 
 def _look(plotter: Any, extent: tuple[float, float, float, float]) -> None:
     """Parallel projection from the front and above, filling the image with the extent."""
-    middle = 0.5 * (extent[2] + extent[3])
-    away = 10 * (extent[3] - extent[2] + extent[1])
-    eye = (0.0, -away * np.cos(ELEVATION), middle + away * np.sin(ELEVATION))
-    plotter.camera_position = [eye, (0.0, 0.0, middle), (0.0, 0.0, 1.0)]
+    across, middle = 0.5 * (extent[0] + extent[1]), 0.5 * (extent[2] + extent[3])
+    away = 10 * (extent[3] - extent[2] + 0.5 * (extent[1] - extent[0]))
+    eye = (across, -away * np.cos(ELEVATION), middle + away * np.sin(ELEVATION))
+    plotter.camera_position = [eye, (across, 0.0, middle), (0.0, 0.0, 1.0)]
     plotter.enable_parallel_projection()
     plotter.camera.parallel_scale = 0.5 * (extent[3] - extent[2]) * np.cos(ELEVATION)
     plotter.reset_camera_clipping_range()
