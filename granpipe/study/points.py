@@ -91,6 +91,8 @@ def make_study(
     rates : of this machine, where they are known
     inputs : what is known as a range: the case is run at both ends as well
     """
+    if case.outline.symmetry == "plane":
+        raise CaseError("a study is made of bodies of revolution only; vary a slab by a sweep", ("outline", "symmetry"))
     plans = model_plans(case)
     basis = replace(_basis(case, plans), cores=cores)
     settled = _settled(case, basis)

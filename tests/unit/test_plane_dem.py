@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from granpipe.homogenize.average import Collector
 from granpipe.homogenize.conserve import measure_plug
 from granpipe.pipeline.health_limits import flow_limits
 from granpipe.planning.plan import THICKNESS, Plan, make_plan
+from granpipe.study.points import make_study
 
 LEFT = [[-0.05, 0.2], [-0.05, 0.08], [-0.02, 0.03], [-0.02, 0.0]]
 RIGHT = [[0.03, 0.2], [0.03, 0.1], [0.02, 0.05], [0.02, 0.0]]
@@ -99,6 +101,12 @@ def test_a_round_vessel_has_no_thickness():
     with pytest.raises(CaseError, match="only a slab") as told:
         planned(outline=round_one, dem__thickness=0.03)
     assert told.value.key == ("dem", "thickness")
+
+
+def test_a_study_of_a_slab_is_refused():
+    with pytest.raises(CaseError, match="bodies of revolution only") as told:
+        make_study(slab(), hours=1, cores=1)
+    assert told.value.key == ("outline", "symmetry")
 
 
 def test_a_thin_slice_is_marked():
@@ -242,8 +250,6 @@ def test_the_packing_of_a_plug_leaves_out_the_layers_at_both_walls():
     collector = Collector(grid, "displacement")
     collector.add(0.0, snapshot(0, np.array([[0.02, 0.01, 0.01]])))
     collector.add(0.1, snapshot(1, np.array([[0.02, 0.01, 0.009]])))
-    from dataclasses import replace
-
     sums = collector.take()
     sums = replace(sums, volume=sums.weight * packing * grid.cell_volume, flow_z=-sums.weight * np.ones((21, 40)))
     assert measure_plug(sums, np.ones((20, 40)), (0, 0.02), DIAMETER).packing == pytest.approx(0.6)

@@ -227,16 +227,18 @@ def test_a_slab_of_mass_flow_is_planned_as_a_fluid_with_the_flow_of_its_depth():
     assert "whole depth of 0.3 m" in plan.notes[0]
 
 
+def test_a_hopper_of_which_nothing_is_said_needs_particles():
+    assert make_plan(slab(outline__sections={"wedge": [1.4, 0.3]})).model == "dem"
+
+
 @pytest.mark.parametrize(
     ("changes", "key", "words"),
     [
-        ({"model": "dem"}, ("model",), "particles"),
-        ({"model": "hybrid"}, ("model",), "particles"),
+        ({"model": "hybrid"}, ("model",), "not as a hybrid"),
         ({"fluid__rheology": "frictional"}, ("fluid", "rheology"), "viscous"),
         ({"export": ["openfoam"]}, ("export",), "comsol"),
         ({"homogenize__fields": ["particle_velocity"]}, ("homogenize", "fields"), "rings"),
         ({"outline__sections": {"wedge": {"z": [1.4, 0.3], "regime": "mass_flow"}}}, ("outline", "sections"), "cones"),
-        ({"outline__sections": {"wedge": [1.4, 0.3]}}, ("outline", "symmetry"), "needs particles"),
         ({"outline__left": [[0.2, 2], [0.2, 0]]}, ("outline", "left"), "meets"),
         ({"outline__left": [[-0.2, 2], [-0.2, 0.1]]}, ("outline", "left"), "outlet"),
         ({"outline__left": [[-0.2, 2], [-0.3, 1], [-0.1, 1.2], [-0.1, 0]]}, ("outline", "left"), "overhang"),
