@@ -164,7 +164,8 @@ CASE = Case(
     """,
     source="""
         Beverloo, Leniger & van de Velde (1961) with the ranges in use for C and k; Mankoc et al., Granular Matter 9,
-        407 (2007), arXiv 0707.4550, for the law without k.
+        407 (2007), arXiv 0707.4550, for the law without k. Abstract and title of the latter were looked up; its formula
+        and the constant 0.051 are written from memory, not verified.
     """,
     criterion="""
         The intervals of C and k meet 0.55–0.65 and 1–2 (not resolved: half widths above 0.1 and 0.5); no rate is
@@ -247,7 +248,8 @@ SPREADING = Case(
     """,
     source="""
         Nedderman & Tüzün, Powder Technology 22, 243 (1979); Choi, Kudrolli & Bazant, J. Phys.: Condens. Matter 17,
-        S2533 (2005), cond-mat/0501568: b from 1.3 to 3.5 d in experiments.
+        S2533 (2005), cond-mat/0501568, whose abstract says that the model fits near the orifice and that b grows with
+        height. The range, b from 1.3 to 3.5 d in experiments, is written from memory, not verified.
     """,
     criterion="""
         The interval of b/d meets 1.3 to 3.5 (not resolved: half width above 0.5); s² against height has r² ≥ 0.9 in

@@ -259,7 +259,10 @@ def judge(data: Data) -> list[Verdict]:
     if "lammps" in data:
         filling = data.get("liggghts2", {}).get("apart")
         for name, (_, noise, free, upper) in data["lammps"]["apart"].items():
-            own = f"; two fillings by LIGGGHTS differ by {100 * filling[name][2]:.1f} %" if filling else ""
+            own = ""
+            if filling:
+                _, _, between, bound = filling[name]
+                own = f"; two fillings by LIGGGHTS: {100 * between:.1f} %, 95 % below {100 * bound:.1f} %"
             passed = True if upper <= TOLERANCE else (False if free > TOLERANCE else None)
             verdicts.append(
                 Verdict(

@@ -82,7 +82,8 @@ CASE = Case(
         coarse spheres, measured and simulated, of 2 to 10 mm. ±: 95 %, from 8 sectors of each filling.
     """,
     source="""
-        Zhou, Xu, Yu & Zulli, Powder Technology 125, 45 (2002), with rolling resistance as a length in mm.
+        Zhou, Xu, Yu & Zulli, Powder Technology 125, 45 (2002), with rolling resistance as a length in mm. The formula
+        is written from memory, not verified: no text of it could be looked up.
     """,
     criterion="""
         Within 5° of the correlation, about the scatter of heaps from one way of building them to another. (The angles

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.system.jsonfile import read_json, write_json
-from validation import article, beverloo, error_bars, hoppers, monte_carlo, other_code, repose
+from validation import article, beverloo, error_bars, hoppers, janssen, monte_carlo, other_code, pebble_bed, repose
 from validation.case import Case, Data
 
 CASES: tuple[Case, ...] = (
@@ -18,6 +18,8 @@ CASES: tuple[Case, ...] = (
     other_code.CASE,
     beverloo.CASE,
     beverloo.SPREADING,
+    janssen.CASE,
+    pebble_bed.CASE,
     repose.CASE,
     hoppers.CASE,
     article.CASE,
@@ -31,7 +33,7 @@ DATA_OF = {beverloo.SPREADING.name: beverloo.CASE.name}
 def run_piece(case: Case, piece: str, results: Path, data: Path) -> None:
     """Run a piece and keep what it found, unless it was found before."""
     path = data / f"{case.name}.json"
-    if piece in (found := stored(path)):
+    if piece in stored(path):
         return
     print(f"{case.name}: {piece}", flush=True)
     began = time.perf_counter()
@@ -39,7 +41,7 @@ def run_piece(case: Case, piece: str, results: Path, data: Path) -> None:
     seconds = round(time.perf_counter() - began, 1)
     data.mkdir(parents=True, exist_ok=True)
     made = f"{datetime.now(UTC):%Y-%m-%d}"
-    write_json(path, found | {piece: {"made": made, "seconds": seconds, "found": values}})
+    write_json(path, stored(path) | {piece: {"made": made, "seconds": seconds, "found": values}})
 
 
 def stored(path: Path) -> dict[str, Any]:

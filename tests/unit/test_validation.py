@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from validation import beverloo, error_bars, hoppers, monte_carlo, repose
+from validation import beverloo, error_bars, hoppers, janssen, monte_carlo, pebble_bed, repose
 from validation.page import lines
 from validation.suite import CASES, results_of
 
@@ -107,3 +107,55 @@ def test_a_cone_is_in_mass_flow_on_the_right_side_of_the_limit() -> None:
         (verdict,) = hoppers.judge({"cones": {"x": one | changes}})
         words.append(verdict.passed)
     assert words == [True, False, False, True, None]
+
+
+def a_column(raised: float) -> dict[str, object]:
+    """A column that obeys Janssen's law with K 0.7 and friction 0.15, its stress raised by a part at half height."""
+    radius, height, weight, k, friction = janssen.RADIUS, janssen.HEIGHT, 14000.0, 0.7, 0.15
+    edges = np.linspace(0, height, 97)
+    z = 0.5 * (edges[1:] + edges[:-1])
+    length = radius / (2 * friction * k)
+
+    def law(at: np.ndarray) -> np.ndarray:
+        return np.asarray(weight * length * (1 - np.exp(-(height - at) / length)))
+
+    stress = law(z) * (1 + raised * (np.abs(z / height - 0.5) < 0.02))
+    pressure = k * law(z)
+    return {
+        "wall_friction": 0.2, "z": z, "stress": stress, "stress_r": k * stress, "weight": np.full(z.shape, weight),
+        "edges": edges, "pressure": pressure, "raw_pressure": pressure, "raw_friction": friction * pressure,
+    }  # fmt: skip
+
+
+def test_a_column_by_janssens_law_holds_and_another_fails() -> None:
+    verdicts = janssen.judge({"one": a_column(0.0)})
+    assert [one.passed for one in verdicts] == [True] * 4
+    _, stress, law, k, friction = janssen.janssen(a_column(0.0))
+    assert (k, friction) == (pytest.approx(0.7), pytest.approx(0.15))
+    assert law == pytest.approx(stress, rel=1e-9)
+    assert janssen.judge({"one": a_column(0.3)})[0].passed is False
+
+
+def test_wall_forces_come_from_the_file_of_liggghts(tmp_path: Path) -> None:
+    """10 N inwards and 3 N upwards on a sphere at 0.1 m; one on the plate does not count."""
+    radius = janssen.RADIUS
+    rows = [[0, radius, 0.1, 0, radius - 0.003, 0.1, 0, -10, 3], [0, 0, 0, 0, 0, 0.003, 0, 0, 50]]
+    (tmp_path / "contacts.1.txt").write_text("\n".join(["head"] * 9 + [" ".join(map(str, row)) for row in rows]) + "\n")
+    inward, upward = janssen.wall_forces([tmp_path / "contacts.1.txt"], np.array([0.0, 0.05, 0.15]))
+    area = 2 * np.pi * radius * 0.1
+    assert inward == pytest.approx([0, 10 / area])
+    assert upward == pytest.approx([0, 3 / area])
+
+
+def test_measures_of_a_pebble_bed() -> None:
+    """A plug at 10 mm/s with a layer 2 d thick at half that speed; a corner at a fifth of the axis' speed."""
+    radius = np.linspace(0.125, 9.875, 40)
+    plug = np.where(radius < 8, 0.01, 0.005)
+    corner = np.where(radius < 5, 0.05, 0.01)
+    one = {"angle": 60.0, "radius": radius, "profiles": {"plug": plug, "corner": corner}, "residence": [8, 10, 15]}
+    found = pebble_bed.measures(one)
+    assert found["plug"] == pytest.approx(0)
+    assert found["wall"] == pytest.approx(0.5)
+    assert found["layer"] == pytest.approx(2, abs=0.13)
+    assert found["corner"] == pytest.approx(0.2)
+    assert found["spread"] == pytest.approx(0.7)
