@@ -54,4 +54,4 @@ def check_model(case: Case, model: str) -> None:
 def depth_note(case: Case) -> str:
     """What the flow rate of a slab is that of; empty for a body of revolution."""
     depth = case.outline.depth
-    return "" if depth is None else f"flow_rate: {case.flow_rate} is that of the whole depth of {depth:g} m"
+    return "" if depth is None else f"the flow rate is that of the whole depth of {depth:g} m"

@@ -1,0 +1,309 @@
+"""Plane vessels: what the thickness of the slice does, slots against Beverloo, x–z against a box in space.
+
+`run` makes the runs that are missing, `page` writes docs/validation/plane_vessels.md from them. Every run is an
+ordinary granpipe run: interrupted, it goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from run import machine
+
+from granpipe.analysis.compare import Difference, compare
+from granpipe.case.reader import CaseFile, read_case, varied
+from granpipe.dem.contact import slot_flow
+from granpipe.field import Array, Box, Field
+from granpipe.homogenize.average import Collector, Sums
+from granpipe.pipeline.averages import averaged_field
+from granpipe.pipeline.dem_stages import finished_productions
+from granpipe.pipeline.run import run_case
+from granpipe.planning.plan import make_plan
+from granpipe.progress import Silent
+from granpipe.system.store import Store
+from granpipe.system.versions import library_versions, program_versions
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "validation" / "plane_vessels.md"
+HOPPER = ROOT / "cases" / "slot_hopper.yaml"
+TOLERANCE = 0.05
+
+DIAMETER = 5e-3
+SECONDS, START = 2.6, 0.5
+THICKNESSES = (4, 8, 12)
+"""Of the slice, in particle diameters."""
+
+SLOTS = (6, 8, 10)
+"""Widths, in particle diameters."""
+
+BOX = "box"
+MIRROR = "mirror"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("step", choices=("run", "page"))
+    parser.add_argument("--results", type=Path, default=ROOT / "results" / "plane_vessels")
+    parser.add_argument("--only", help="one run by name; all unless given")
+    options = parser.parse_args()
+    cases = {hopper_name(t): hopper(thickness=t) for t in THICKNESSES}
+    cases |= {BOX: hopper(seed=2, name=BOX, snapshots="all"), MIRROR: mirrored()}
+    cases |= {f"slot-{width}": slot(width) for width in SLOTS}
+    if options.step == "run":
+        for name, case in cases.items():
+            if options.only in (None, name):
+                outcome = run_case(case, options.results, Silent())
+                figures = figures_of(outcome.folder)
+                print(name, figures.get("statistical_error"), figures.get("discharge"), outcome.failed, flush=True)
+                if name == BOX:
+                    averaged_in_space(case, options.results).save(options.results / "box.npz")
+        return
+    PAGE.write_text(
+        "\n".join([*head(), *thickness(options.results), *box(options.results), *slots(options.results)]) + "\n"
+    )
+
+
+def hopper_name(thickness: int) -> str:
+    return f"hopper-{thickness}"
+
+
+def hopper(thickness: int = 8, seed: int = 1, name: str = "", snapshots: str = "none") -> CaseFile:
+    """The hopper of `cases/slot_hopper.yaml` for a fixed time."""
+    return changed(
+        read_case(HOPPER),
+        {
+            "name": name or hopper_name(thickness),
+            "dem.thickness": repr(thickness * DIAMETER),
+            "dem.seed": str(seed),
+            "dem.keep_snapshots": snapshots,
+            "dem.statistical_error": "null",
+            "dem.max_time": repr(SECONDS),
+            "dem.ranks": "1",
+            "homogenize.start": repr(START),
+            "export": "[]",
+            "figures": "[]",
+        },
+    )
+
+
+def changed(file: CaseFile, changes: Mapping[str, str]) -> CaseFile:
+    return CaseFile(varied(file.case, changes), file.places)
+
+
+def mirrored() -> CaseFile:
+    """The mirror image of the hopper."""
+    file = hopper(seed=3, name=MIRROR)
+    outline = file.case.outline
+    left, right = (tuple((-x, z) for x, z in wall or ()) for wall in (outline.right, outline.left))
+    case = file.case.model_copy(update={"outline": outline.model_copy(update={"left": left, "right": right})})
+    return CaseFile(case, file.places)
+
+
+SILO = """\
+name: slot-{width}
+outline:
+  symmetry: plane
+  unit: mm
+  left: [[{left}, {top}], [{left}, 0], [-{half}, 0], [-{half}, -5]]
+  right: [[{right}, {top}], [{right}, 0], [{half}, 0], [{half}, -5]]
+  depth: 1000
+material: {{density: 2500 kg/m^3, size: {{diameter: 5 mm}}}}
+contact: {{friction: 0.5, rolling_friction: 0.1}}
+flow_rate: 1 kg/s
+model: dem
+dem: {{outlet: open, max_time: 1.6 s, ranks: 1}}
+homogenize: {{start: 0.4 s}}
+export: []
+figures: []
+"""
+
+
+def slot(width: int) -> CaseFile:
+    """A flat-bottomed silo, two and a half times as wide as its slot, that discharges freely."""
+    half, right = 2.5 * width, 6.25 * width
+    path = ROOT / "results" / "plane_vessels" / f"slot-{width}.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(SILO.format(width=width, half=half, left=-right, right=right, top=12.5 * width))
+    return read_case(path)
+
+
+def figures_of(folder: Path) -> dict[str, Any]:
+    data: dict[str, Any] = json.loads((folder / "provenance.json").read_text())
+    return data["figures"]  # type: ignore[no-any-return]
+
+
+# --- the same vessel as a box in space --------------------------------------------------------------------------------
+
+
+def averaged_in_space(file: CaseFile, results: Path) -> Field:
+    """The field of kept snapshots, deposited in cells of x, y and z and then joined along y.
+
+    The outermost diameter at each periodic face is left out, where the box in space would cut particles whose other
+    part lies on the opposite face.
+    """
+    plan = make_plan(file.case)
+    store = Store(results / ".store")
+    versions = library_versions() | program_versions(store.root / "programs.json")
+    (production,) = finished_productions(plan, store, versions)
+    depth = plan.outline.measure.turn
+    grid, y = plan.grid, np.linspace(DIAMETER, depth - DIAMETER, 13)
+    assert isinstance(grid, Box)
+    space = replace(grid, y_edges=y, flat=False, cut=True)
+    collector = Collector(space, "displacement", jump=0.5 * depth)
+    settings, segments = plan.dem, []
+    every = settings.segment_steps
+    for step, snapshot in production.kept_frames(10**6):
+        collector.add(step * settings.time_step, snapshot)
+        if step and step % every == 0:
+            segments.append(joined_along_y(collector.take(), grid, (float(y[0]), float(y[-1]))))
+    steady = [one for one in segments if one.start >= START - 1e-9]
+    outline = plan.outline.of_depth(float(y[-1] - y[0]))
+    field = averaged_field(plan.case, outline, steady, DIAMETER).field
+    assert plan.case.outline.depth is not None
+    return field.of_depth(plan.case.outline.depth)
+
+
+def joined_along_y(sums: Sums, grid: Box, ends: tuple[float, float]) -> Sums:
+    """Sums in space as those of the plane."""
+    flat = replace(grid, y_edges=np.array(ends), cut=True)
+
+    def along_y(array: Array) -> Array:
+        return array.sum(axis=1)
+
+    return replace(
+        sums,
+        grid=flat,
+        volume=along_y(sums.volume),
+        flow_r=along_y(sums.flow_r),
+        flow_z=along_y(sums.flow_z),
+        gain=along_y(sums.gain),
+        flow_y=None,
+    )
+
+
+# --- page -------------------------------------------------------------------------------------------------------------
+
+
+def field_of(results: Path, name: str) -> Field:
+    return Field.load(results / name / "field.npz")
+
+
+def levels() -> dict[str, tuple[float, float]]:
+    return read_case(HOPPER).case.outline.levels
+
+
+def differences(one: Field, other: Field) -> list[Difference]:
+    return compare(one, other, levels(), DIAMETER)
+
+
+def row(name: str, found: list[Difference]) -> str:
+    cells = (f"{one.noise_free:.1%} (below {one.upper:.1%}), {one.verdict(TOLERANCE)}" for one in found)
+    return f"| {name} | " + " | ".join(cells) + " |"
+
+
+def table(first: str) -> Iterator[str]:
+    names = ["whole", *levels()]
+    yield f"| {first} | " + " | ".join(names) + " |"
+    yield "|---|" + "---|" * len(names)
+
+
+def head() -> Iterator[str]:
+    yield "# Plane vessels"
+    yield ""
+    yield f"Written by `python benchmarks/plane_vessels.py page` on {date.today()}, {machine()}, from the runs of"
+    yield "`python benchmarks/plane_vessels.py run`. The hopper is that of `cases/slot_hopper.yaml`, whose left wall leans"
+    yield f"by 17° and the right one by 37°; {SECONDS:g} s of production, averaged from {START:g} s. Differences are"
+    yield "those of `granpipe compare`: noise-free, in brackets the 95 % upper bound; fields agree where that is at most"
+    yield f"{TOLERANCE:.0%}."
+    yield ""
+
+
+def thickness(results: Path) -> Iterator[str]:
+    """Fields of slices of several thicknesses against the thickest."""
+    fields = {t: field_of(results, hopper_name(t)) for t in THICKNESSES}
+    yield "## Thickness of the slice"
+    yield ""
+    yield f"Slices between periodic faces against the one of {THICKNESSES[-1]} diameters; `dem.thickness: auto` is 8."
+    yield ""
+    yield from table("thickness")
+    for t in THICKNESSES[:-1]:
+        yield row(f"{t} d", differences(fields[THICKNESSES[-1]], fields[t]))
+    yield ""
+    yield "| thickness | packing | statistical error | particles | production |"
+    yield "|---|---|---|---|---|"
+    for t, field in fields.items():
+        figures = figures_of(results / hopper_name(t))
+        yield (
+            f"| {t} d | {field.bulk_packing:.4f} | {figures['statistical_error']['whole']:.1%} "
+            f"| {figures['particles'][0]} | {sum(figures['produce_wall_seconds']):.0f} s |"
+        )
+    yield ""
+
+
+def box(results: Path) -> Iterator[str]:
+    """The x–z field against other ways to the same."""
+    own = field_of(results, hopper_name(8))
+    space = Field.load(results / "box.npz")
+    yield "## The same vessel as a box in space, and as its mirror image"
+    yield ""
+    yield "The snapshots of a run with another seed were deposited in cells of x, y and z, without the outermost diameter"
+    yield "at either periodic face, and joined along y only then. The mirror image is a run of its own with a third seed."
+    yield ""
+    yield from table("against x–z, seed 1")
+    yield row("box in space, seed 2", differences(own, space))
+    yield row("x–z, seed 2", differences(own, field_of(results, BOX)))
+    yield row("mirror image, seed 3", differences(own, turned(field_of(results, MIRROR))))
+    yield ""
+
+
+def turned(field: Field) -> Field:
+    """The mirror image of a field."""
+    grid = field.grid
+    assert isinstance(grid, Box)
+
+    def swap(array: Array | None, sign: float = 1.0) -> Any:
+        return None if array is None else sign * array[:, ::-1]
+
+    return Field(
+        grid=replace(grid, r_edges=-grid.r_edges[::-1]),
+        inside_fraction=swap(field.inside_fraction),
+        bulk=field.bulk[:, ::-1],
+        flux_r=swap(field.flux_r, -1.0),
+        flux_z=swap(field.flux_z),
+        flux_r_se=swap(field.flux_r_se),
+        flux_z_se=swap(field.flux_z_se),
+        bulk_flow=field.bulk_flow,
+        bulk_packing=field.bulk_packing,
+        flow_scale=field.flow_scale,
+    )
+
+
+def slots(results: Path) -> Iterator[str]:
+    """Free discharge of slots against Beverloo's law for slots."""
+    yield "## Free discharge of slots"
+    yield ""
+    yield "Flat-bottomed silos, two and a half times as wide as their slots, friction 0.5, rolling friction 0.1,"
+    yield "against 1.03 ρ_b √g L (w − 1.4 d)^1.5 with the bulk density that the run measured; L = 1 m."
+    yield ""
+    yield "| slot | discharge | LIGGGHTS' counter | Beverloo | ratio |"
+    yield "|---|---|---|---|---|"
+    for width in SLOTS:
+        figures = figures_of(results / f"slot-{width}")
+        found = figures["discharge"]
+        law = figures["bulk_density_kg_per_m3"] * slot_flow(1.0, width * DIAMETER, DIAMETER)
+        yield (
+            f"| {width} d | {found['kg_per_s']:.2f} ± {found['standard_error']:.2f} kg/s "
+            f"| {found['counted_kg_per_s']:.2f} kg/s | {law:.2f} kg/s | {found['kg_per_s'] / law:.3f} |"
+        )
+    yield ""
+
+
+if __name__ == "__main__":
+    main()
