@@ -218,9 +218,9 @@ def head() -> Iterator[str]:
     yield "# Plane vessels"
     yield ""
     yield f"Written by `python benchmarks/plane_vessels.py page` on {date.today()}, {machine()}, from the runs of"
-    yield "`python benchmarks/plane_vessels.py run`. The hopper is that of `cases/slot_hopper.yaml`, whose left wall leans"
-    yield f"by 17° and the right one by 37°; {SECONDS:g} s of production, averaged from {START:g} s. Differences are"
-    yield "those of `granpipe compare`: noise-free, in brackets the 95 % upper bound; fields agree where that is at most"
+    yield "`python benchmarks/plane_vessels.py run`. The hopper is that of `cases/slot_hopper.yaml`, whose left wall"
+    yield f"leans by 17° and the right one by 37°; {SECONDS:g} s of production, averaged from {START:g} s. Differences are"
+    yield "those of `granpipe compare`: noise-free, in brackets the 95 % upper bound; fields agree where it is at most"
     yield f"{TOLERANCE:.0%}."
     yield ""
 
@@ -253,8 +253,9 @@ def box(results: Path) -> Iterator[str]:
     space = Field.load(results / "box.npz")
     yield "## The same vessel as a box in space, and as its mirror image"
     yield ""
-    yield "The snapshots of a run with another seed were deposited in cells of x, y and z, without the outermost diameter"
-    yield "at either periodic face, and joined along y only then. The mirror image is a run of its own with a third seed."
+    yield "The snapshots of a run with another seed were deposited in cells of x, y and z, without the outermost"
+    yield "diameter at either periodic face, and joined along y only then. The mirror image is a run of its own with a"
+    yield "third seed."
     yield ""
     yield from table("against x–z, seed 1")
     yield row("box in space, seed 2", differences(own, space))
