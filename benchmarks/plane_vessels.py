@@ -219,9 +219,9 @@ def head() -> Iterator[str]:
     yield ""
     yield f"Written by `python benchmarks/plane_vessels.py page` on {date.today()}, {machine()}, from the runs of"
     yield "`python benchmarks/plane_vessels.py run`. The hopper is that of `cases/slot_hopper.yaml`, whose left wall"
-    yield f"leans by 17° and the right one by 37°; {SECONDS:g} s of production, averaged from {START:g} s. Differences are"
-    yield "those of `granpipe compare`: noise-free, in brackets the 95 % upper bound; fields agree where it is at most"
-    yield f"{TOLERANCE:.0%}."
+    yield f"leans by 17° and the right one by 37°; {SECONDS:g} s of production, averaged from {START:g} s."
+    yield "Differences are those of `granpipe compare`: noise-free, in brackets the 95 % upper bound; fields agree"
+    yield f"where it is at most {TOLERANCE:.0%}."
     yield ""
 
 
