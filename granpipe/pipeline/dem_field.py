@@ -166,6 +166,8 @@ def _discharge(plan: Plan, steady: Sequence[Sums], productions: Sequence[Product
 
 def _surface_angles(field: Field, plan: Plan) -> dict[str, dict[str, float]]:
     """Section → angle of its free surface below the horizontal, with its standard error [rad]."""
+    if not plan.outline.measure.axial:
+        return {}  # a slab may have one on either side
     levels, diameter = plan.case.outline.levels, plan.dem.classes.sauter_diameter
     found = {name: surface_angle(field, (low, top), diameter) for name, (top, low) in levels.items()}
     return {name: angle._asdict() for name, angle in found.items() if angle is not None}

@@ -361,7 +361,10 @@ class _Scene:
                 f"periodic faces needs {LEAST_THICKNESS:g} of them, or its particles touch their own images",
                 ("dem", "thickness"),
             )
+        depth = self.outline.measure.turn
         breach = "" if ratio > 0.99 * THICKNESS else f"below {THICKNESS:g} d90 layers across the slab show in the field"
+        if depth < min(thickness, THICKNESS * classes.d90) * (1 - 1e-9):
+            breach = f"the slab is {depth:.3g} m deep: its front and back walls, which are left out, would be felt"
         criterion = f"{THICKNESS:g} d90 between periodic faces: a thicker slab flows alike"
         return self.outline.of_depth(thickness), Decision("slab thickness", f"{thickness:.3g} m", criterion, breach)
 

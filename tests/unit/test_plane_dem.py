@@ -31,6 +31,12 @@ from granpipe.study.points import make_study
 LEFT = [[-0.05, 0.2], [-0.05, 0.08], [-0.02, 0.03], [-0.02, 0.0]]
 RIGHT = [[0.03, 0.2], [0.03, 0.1], [0.02, 0.05], [0.02, 0.0]]
 DIAMETER = 0.004
+OBSTACLES = {
+    "bar": [[-0.01, 0.14], [0.01, 0.14], [0.0, 0.15]],
+    "lip on the left wall": [[-0.05, 0.15], [-0.05, 0.13], [-0.04, 0.135]],
+    "lip on the right wall": [[0.03, 0.15], [0.015, 0.14], [0.03, 0.13]],
+    "baffle on the left slope": [[-0.05, 0.08], [-0.02, 0.07], [-0.035, 0.055]],
+}
 
 
 def slab(**changes: object) -> Case:
@@ -109,8 +115,10 @@ def test_a_study_of_a_slab_is_refused():
     assert told.value.key == ("outline", "symmetry")
 
 
-def test_a_thin_slice_is_marked():
-    assert any("slab thickness" in one for one in planned(dem__thickness=0.02).breaches)
+def test_a_thin_slice_and_a_shallow_vessel_are_marked():
+    assert planned().breaches == ()
+    assert any("layers across the slab" in one for one in planned(dem__thickness=0.02).breaches)
+    assert any("front and back walls" in one for one in planned(outline__depth=0.02, flow_rate="1 l/h").breaches)
 
 
 def test_the_stress_in_a_deep_slot_is_janssens():
@@ -150,6 +158,21 @@ def test_walls_reach_exactly_from_face_to_face(tmp_path: Path):
     assert area(corners) == pytest.approx(0.03 * length)
 
 
+@pytest.mark.parametrize(
+    ("name", "length"),
+    [
+        ("bar", 0.02 + 2 * np.hypot(0.01, 0.01)),
+        ("lip on the left wall", np.hypot(0.01, 0.015) + np.hypot(0.01, 0.005)),
+        ("lip on the right wall", 2 * np.hypot(0.015, 0.01)),
+    ],
+)
+def test_obstacles_are_walls_but_where_they_lie_on_one(name, length, tmp_path: Path):
+    outline = Outline.from_case(slab(outline__obstacles={"it": OBSTACLES[name]})).of_depth(0.03)
+    walls = build_walls(outline, top=0.25, bottom=-0.1, plate_z=None, particle_diameter=DIAMETER, folder=tmp_path)
+    numbers = [line.split()[1:] for line in walls.files["obstacle_it"].read_text().splitlines() if "vertex" in line]
+    assert area(np.array(numbers, dtype=float).reshape(-1, 3, 3)) == pytest.approx(0.03 * length)
+
+
 def test_short_edges_make_more_strips_and_no_thin_triangle():
     line = np.array([[0.0, 1.0], [0.0, 0.5], [0.0005, 0.4995], [0.1, 0.3]])
     corners = extruded([line], 0.2, "vessel")
@@ -184,16 +207,29 @@ def test_particles_are_inserted_clear_of_both_walls_and_fill_most_of_the_vessel(
     assert 0.75 * outline.volume() < volume <= outline.volume() * (1 + 1e-9)
 
 
-def test_a_mirrored_vessel_is_filled_as_its_mirror_image():
-    outline = Outline.from_case(slab(outline__obstacles={"bar": [[-0.01, 0.14], [0.01, 0.14], [0.0, 0.15]]}))
-    one = insertion_frusta(outline, 0.22, -0.02, 0.003, np.radians(60), 0.001)
-    other = insertion_frusta(outline.mirrored(), 0.22, -0.02, 0.003, np.radians(60), 0.001)
-    turned = {
-        tuple(np.round([f.z_low, f.z_high, -f.outer_low, -f.outer_high, -f.inner_low, -f.inner_high], 9)) for f in other
-    }
-    assert {
-        tuple(np.round([f.z_low, f.z_high, f.inner_low, f.inner_high, f.outer_low, f.outer_high], 9)) for f in one
-    } == turned
+@pytest.mark.parametrize("name", OBSTACLES)
+def test_a_mirrored_vessel_is_filled_as_its_mirror_image(name):
+    outline = Outline.from_case(slab(outline__obstacles={"it": OBSTACLES[name]}))
+
+    def filled(vessel: Outline, turn: int) -> set[tuple[float, ...]]:
+        frusta = insertion_frusta(vessel, 0.22, -0.02, 0.003, np.radians(60), 0.001)
+        ends = [
+            [(turn * f.inner_low, turn * f.inner_high), (turn * f.outer_low, turn * f.outer_high)][::turn]
+            for f in frusta
+        ]
+        return {(f.z_low, f.z_high, *low, *high) for f, (low, high) in zip(frusta, ends, strict=True)}
+
+    one, other = (np.array(sorted(filled(*args))) for args in ((outline, 1), (outline.mirrored(), -1)))
+    np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", OBSTACLES)
+def test_a_particle_is_never_inserted_near_an_obstacle(name):
+    import shapely
+
+    outline, margin = Outline.from_case(slab(outline__obstacles={"it": OBSTACLES[name]})), 0.003
+    points = points_in(outline, margin, np.random.default_rng(2))
+    assert shapely.distance(shapely.Polygon(OBSTACLES[name]), shapely.points(points)).min() > margin * (1 - 1e-9)
 
 
 def test_the_box_is_periodic_in_y_alone_and_regions_have_the_slabs_volume():
