@@ -36,7 +36,7 @@ HOPPER = ROOT / "cases" / "slot_hopper.yaml"
 TOLERANCE = 0.05
 
 DIAMETER = 5e-3
-SECONDS, START = 2.6, 0.5
+SECONDS, START = 2.0, 0.4
 THICKNESSES = (4, 8, 12)
 """Of the slice, in particle diameters."""
 
@@ -118,8 +118,8 @@ material: {{density: 2500 kg/m^3, size: {{diameter: 5 mm}}}}
 contact: {{friction: 0.5, rolling_friction: 0.1}}
 flow_rate: 1 kg/s
 model: dem
-dem: {{outlet: open, max_time: 1.6 s, ranks: 1}}
-homogenize: {{start: 0.4 s}}
+dem: {{outlet: open, max_time: 1.2 s, ranks: 1}}
+homogenize: {{start: 0.3 s}}
 export: []
 figures: []
 """
