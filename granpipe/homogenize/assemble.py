@@ -22,7 +22,7 @@ def packing_fraction(volume: Array, inside_fraction: Array, grid: Grid) -> Array
     overlap the wall.
     """
     room = inside_fraction * grid.cell_volume
-    return np.minimum(np.divide(volume, room, out=np.zeros_like(volume), where=room > 0), 1)
+    return np.clip(np.divide(volume, room, out=np.zeros_like(volume), where=room > 0), 0, 1)
 
 
 def raw_field(sums: Sums, inside_fraction: Array, plug: Plug, diameter: float, flow_scale: float = 1.0) -> Field:

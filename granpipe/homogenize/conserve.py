@@ -97,7 +97,8 @@ def gathered_flow(sums: Sums, z_range: tuple[float, float]) -> Array:
     ------
     DataError : no row of the grid lies in the plug
     """
-    total = np.concatenate([[0.0], np.cumsum(sums.storage.sum(axis=1))])
+    rows = sums.storage.reshape(len(sums.storage), -1).sum(axis=1)
+    total = np.concatenate([[0.0], np.cumsum(rows)])
     return np.asarray(total - total[plug_levels(sums.grid, z_range)].mean())
 
 
@@ -119,28 +120,34 @@ def bed_packing(sums: Sums, inside_fraction: Array, bottom: float, diameter: flo
     core = _far_from_walls(inside_fraction, sums.grid, diameter, along_z=True)
     if not core.any():
         raise DataError(f"the vessel is too narrow for its packing to be measured {diameter:g} m away from its walls")
-    above = core & (sums.grid.z_edges[:-1] >= bottom - 1e-9)[:, None]
+    above = core & _as_cells(sums.grid.z_edges[:-1] >= bottom - 1e-9, core)
     packing = (sums.mean_volume / sums.grid.cell_volume)[above if above.any() else core]
     return float(np.median(packing[packing > 0.5 * np.quantile(packing, 0.9)]))
 
 
 def _core_packing(sums: Sums, inside_fraction: Array, rows: Mask, diameter: float) -> float:
     """Solids fraction of the cells of some rows that are at least a diameter from every wall."""
-    core = _far_from_walls(inside_fraction, sums.grid, diameter, along_z=False) & rows[:, None]
+    core = _far_from_walls(inside_fraction, sums.grid, diameter, along_z=False) & _as_cells(rows, inside_fraction)
     if not core.any():
         raise DataError(f"the plug is too narrow for its packing to be measured {diameter:g} m away from its walls")
     return float(sums.mean_volume[core].sum() / np.broadcast_to(sums.grid.cell_volume, core.shape)[core].sum())
 
 
 def _far_from_walls(inside_fraction: Array, grid: Grid, diameter: float, along_z: bool) -> Mask:
-    """(nz, nr) cells at least a diameter from every wall, sidewise or, with `along_z`, from every ledge as well."""
+    """Cells at least a diameter from every wall, sidewise or, with `along_z`, from every ledge as well."""
     reach = int(np.ceil(diameter / grid.cell))
     # beyond the outermost edge is wall; on the other side of an axis is the vessel
-    before = 0 if grid.measure.axial else reach
-    walled = np.pad(inside_fraction, ((0, 0), (before, reach)))
+    sides = [(0 if grid.measure.axial else reach, reach)] * (inside_fraction.ndim - 1)
     window = 2 * reach + 1
-    nearest = ndimage.minimum_filter(walled, (window if along_z else 1, window), mode="nearest")
-    return np.asarray(nearest[:, before : before + inside_fraction.shape[1]] > 1 - 1e-9)
+    walled = np.pad(inside_fraction, [(0, 0), *sides])
+    nearest = ndimage.minimum_filter(walled, (window if along_z else 1, *[window] * len(sides)), mode="nearest")
+    inner = [slice(low, low + n) for (low, _), n in zip(sides, inside_fraction.shape[1:], strict=True)]
+    return np.asarray(nearest[(slice(None), *inner)] > 1 - 1e-9)
+
+
+def _as_cells(rows: Mask, cells: Array | Mask) -> Mask:
+    """(nz,) rows in a shape that goes with that of cells."""
+    return rows.reshape(-1, *[1] * (cells.ndim - 1))
 
 
 def scale_rows(flux_r: Array, flux_z: Array, grid: Grid, solids_flow: float) -> tuple[Array, Array]:

@@ -157,6 +157,18 @@ def flux_errors(
     return (standard_error(flux_r, local_r), standard_error(flux_z, local_z)), min(effective, len(fluxes))
 
 
+def local_errors(values: Array, run: NDArray[np.int64], grid: Grid, diameter: float) -> Array:
+    """Standard errors of the mean of (n, …) samples on a grid of equal cells, by the correlation times of each place.
+
+    Parameters
+    ----------
+    values : samples in the order of run and time
+    run : (n,) which run each sample is of
+    diameter : of the particles [m]
+    """
+    return standard_error(values, local_effective_samples(values, run, _REACH * diameter / grid.cell))
+
+
 def _correlation_time(covariance: Array, count: int) -> Array:
     """(…) τ from the covariances (lags, …) of `count` samples; 1 where nothing varies."""
     covariance = covariance[: len(covariance) // 2 * 2]

@@ -42,7 +42,7 @@ def averaged_field(case: Case, outline: Outline, segments: Sequence[Sums], diame
     """The average of some segments, made to conserve by the case's method and scaled to the flow that it asks for."""
     sums = merge(segments)
     inside = outline.inside_fraction(sums.grid)
-    plug = _plug(case, outline, sums, inside, diameter, case.material.packing)
+    plug = reference_plug(case, outline, sums, inside, diameter, case.material.packing)
     scale = outline.measure.share(case.outline.depth) * target_flow(case, plug.packing) / plug.bulk_flow
     if case.homogenize.method == "gaussian":
         field = gaussian_field(sums, inside, plug, diameter, case.homogenize.smoothing_passes, scale)
@@ -135,7 +135,7 @@ def _net_storage(segments: list[Sums]) -> Array:
     return np.asarray(np.abs(np.cumsum(gain, axis=1)).max(axis=1) / duration)
 
 
-def _plug(
+def reference_plug(
     case: Case, outline: Outline, sums: Sums, inside_fraction: Array, diameter: float, packing: float | None
 ) -> Plug:
     """The plug with a packing fraction that is given, or measured: in the plug, or in the bed above an open outlet."""
@@ -147,7 +147,7 @@ def _plug(
 def measured_packing(case: Case, outline: Outline, sums: Sums, diameter: float) -> float | None:
     """φ of the plug, or of the bed above an open outlet, as simulated; None where the vessel is too narrow to tell."""
     try:
-        return _plug(case, outline, sums, outline.inside_fraction(sums.grid), diameter, None).packing
+        return reference_plug(case, outline, sums, outline.inside_fraction(sums.grid), diameter, None).packing
     except DataError:
         return None
 

@@ -17,14 +17,17 @@ from granpipe.dem.sizes import size_classes
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.field import Box, Field, Grid, Mask, level_flow
+from granpipe.geometry.in_space import inside_space
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import enclosed
 from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard_errors
 from granpipe.homogenize.average import Collector, Sums, merge
+from granpipe.homogenize.conserve import gathered_flow
 from granpipe.homogenize.psi_field import psi_field
+from granpipe.homogenize.space_field import space_errors, space_field
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.pipeline.averages import AveragedField, averaged_field, smoothing_change
+from granpipe.pipeline.averages import AveragedField, averaged_field, reference_plug, smoothing_change
 from granpipe.pipeline.convergence import average_gates
 from granpipe.pipeline.dem_field import run_statistics
 from granpipe.pipeline.dump_checks import (
@@ -35,12 +38,12 @@ from granpipe.pipeline.dump_checks import (
     solids_gate,
     time_gate,
 )
-from granpipe.pipeline.dump_grid import grid_round, slab_grid
+from granpipe.pipeline.dump_grid import grid_round, slab_grid, vessel_box
 from granpipe.pipeline.dump_survey import JUMP, Survey, survey
 from granpipe.pipeline.dump_window import Request, window
 from granpipe.pipeline.extra_fields import FORCES, ExtraSums, with_derived
-from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, asymmetry_gate, run_notes, upward_gate
-from granpipe.planning.flow import check_flow_rate
+from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, asymmetry_gate, level_flow_gates, run_notes, upward_gate
+from granpipe.planning.flow import check_flow_rate, target_flow
 from granpipe.planning.plane import check_plane
 
 _SEGMENTS = 40
@@ -89,7 +92,11 @@ def homogenize_files(request: Request, case: Case | None) -> Homogenized:
     frame = request.frame
     if frame.plane == "rz" and (frame.x is not None or frame.y is not None):
         raise DataError("rings have no range of x or y: leave out --x and --y, or choose --plane xz or xyz")
-    return _on_grid(request) if case is None else _in_vessel(request, case)
+    if case is None:
+        return _on_grid(request)
+    if frame.plane == "xyz" and case.outline.symmetry == "axis":
+        return _in_space(request, case)
+    return _in_vessel(request, case)
 
 
 def _on_grid(request: Request) -> Homogenized:
@@ -142,6 +149,40 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
         told = replace(told, field=told.field.of_depth(case.outline.depth))
         depth = f"the dumps are {grid.measure.turn:.4g} m deep, the field the {case.outline.depth:g} m of the case"
         flow_notes = (*flow_notes, depth)
+    return replace(told, notes=(*flow_notes, *told.notes))
+
+
+def _in_space(request: Request, case: Case) -> Homogenized:
+    """On a grid in space round the vessel of a case: what is not the same all round is kept."""
+    frame, outline = request.frame, Outline.from_case(case)
+    if given := [f"--{axis}" for axis in "xyz" if getattr(frame, axis) is not None]:
+        raise DataError(f"the outline of the case gives the ranges: leave out {' and '.join(given)}, or --case")
+    if case.homogenize.fields:
+        raise DataError("homogenize.fields are told on rings only: take them out, or leave out --plane xyz")
+    flow_notes = check_flow_rate(case, outline, find_openings(outline))
+    found = survey(request, (outline.z_bottom, outline.z_top), _inside(outline))
+    grid = vessel_box(outline, frame, _most_segments(request))
+    frame_marks, outside = frame_gates(found, frame), check_outside(found)
+    collector, segments = _averaged(request, grid, found)
+    sums, inside = merge(segments), inside_space(outline, grid)
+    densest = check_packing(sums, inside, found.diameter)
+    plug = reference_plug(case, outline, sums, inside, found.diameter, case.material.packing)
+    scale = target_flow(case, plug.packing) / plug.bulk_flow
+    fitted = space_field(segments, inside, plug, found.diameter, scale)
+    field, gathered = fitted.field, gathered_flow(sums, plug.z_range)
+    figures: dict[str, Any] = {"largest_packing": densest, "solids_outside_the_walls": outside}
+    figures |= {"blocks": fitted.blocks, "conserving_changes": fitted.change}
+    if field.flux_z_se is not None:
+        figures["statistical_error"] = space_errors(field, case.outline.levels)
+    gates = [
+        *frame_marks,
+        *time_gate(found),
+        *level_flow_gates(level_flow(sums.mean_flux[1], grid), gathered, plug.solids_flow, sums.duration),
+        upward_gate(field),
+        *solids_gate(found, held_solids(field), frame),
+        PACKING.gate(field.bulk_packing),
+    ]
+    told = _told(field, "the nearest conserving flow", gates, found, collector, figures)
     return replace(told, notes=(*flow_notes, *told.notes))
 
 

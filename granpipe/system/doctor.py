@@ -41,6 +41,7 @@ PACKAGES = {
     "numpy": "everything",
     "pint": "units in the case",
     "psutil": "processes and free memory",
+    "pyamg": "fields in space that conserve",
     "pydantic": "reading the case",
     "pymetis": "the fluid solve",
     "pyvista": "pictures in 3-D, VTK files",

@@ -50,6 +50,7 @@ LATE = {
     "matplotlib",
     "meshio",
     "pint",
+    "pyamg",
     "skfem",
     "pymetis",
     "numba",

@@ -1,0 +1,219 @@
+"""A field in space that conserves, from segment sums: the change of the average that is least by its own errors.
+
+Solids enter no cell that they do not leave, and pass no wall: of all such flows Q through the faces, the one with the
+least Σ (Q − Q̄)²/s² is taken, Q̄ the average and s its standard error, smoothed over a particle diameter. With the
+multiplier λ of each cell, Q = Q̄ + s² Δλ, where Δλ is the difference across the face: a Poisson equation on the cells,
+solved by conjugate gradients with an algebraic multigrid (Bell, Olson, Schroder & Southworth, J. Open Source Softw. 8
+(2023) 5495).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage, sparse
+from scipy.sparse.linalg import cg
+
+from granpipe.errors import DataError, SolveError
+from granpipe.field import Array, Box, Field, Mask, level_flow, section_rows
+from granpipe.homogenize.assemble import raw_field
+from granpipe.homogenize.average import Sums, merge
+from granpipe.homogenize.conserve import Plug
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, local_errors
+
+BLOCKS = 2 * LEAST_BLOCKS
+"""Blocks that the standard errors rest on, where there are so many segments."""
+
+BALANCE = 1e-12
+"""Largest imbalance of a cell over the flow through the vessel."""
+
+_ROUGH = 1e-6  # of the right side, at which a solve begins anew with what is left
+_MOST_SOLVES, _MOST_STEPS = 6, 200
+_DIRECT = 500  # cells of the coarsest grid
+_LEAST_VARIANCE = 0.01  # of the mean of a direction
+
+Faces = tuple[Array, Array, Array]
+"""Values on the faces across x (nz, ny, nx+1), y (nz, ny+1, nx) and z (nz+1, ny, nx)."""
+
+
+@dataclass(frozen=True)
+class SpaceFitted:
+    """A field in space that conserves, and how it was made.
+
+    field : the field
+    blocks : how many blocks of segments the standard errors rest on; none are given below 7
+    change : √(Σ A δF²/Σ A F²) of the vertical flux, δF what conserving changes
+    """
+
+    field: Field
+    blocks: int
+    change: float
+
+
+def space_field(
+    segments: Sequence[Sums], inside_fraction: Array, plug: Plug, diameter: float, flow_scale: float = 1.0
+) -> SpaceFitted:
+    """Make the average of some segments conserve, and that of each block of them for the standard error.
+
+    Parameters
+    ----------
+    segments : on a grid in space, of equal length; from 7 on the field has standard errors
+    inside_fraction : (nz, ny, nx) part of each cell inside the vessel
+    plug : packing and flow in the plug
+    diameter : particle diameter [m]
+    flow_scale : flow of the case over that of the simulation
+
+    Raises
+    ------
+    DataError : fewer than two segments, or nothing flows down through the vessel
+    SolveError : the equation was not solved to `BALANCE`
+    """
+    if len(segments) < 2:
+        raise DataError("errors of faces come from how segments differ: average two segments or more")
+    sums = merge(segments)
+    raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
+    independent = blocks(segments, min(len(segments), BLOCKS))
+    each, run = [_fluxes(block) for block in independent], np.array([block.run for block in independent])
+    faces = _flowing(raw.bulk)
+    area = _areas(sums.grid)
+
+    def errors_of(fluxes: Sequence[Faces]) -> list[Array]:
+        return [local_errors(np.array(one), run, sums.grid, diameter) for one in zip(*fluxes, strict=True)]
+
+    errors = errors_of(each)
+    variance = [_smooth((a * se) ** 2, f, sums.grid, diameter) for a, se, f in zip(area, errors, faces, strict=True)]
+    projection = Projection(raw.bulk, faces, (variance[0], variance[1], variance[2]))
+
+    def conserving(flux: Faces) -> Faces:
+        x, y, z = projection.of((flux[0] * area[0], flux[1] * area[1], flux[2] * area[2]), plug.solids_flow)
+        return x / area[0], y / area[1], z / area[2]
+
+    flux_r, flux_y, flux_z = conserving(_fluxes(sums))
+    flow = float(level_flow(flux_z, sums.grid).mean())
+    if not flow > 0:
+        raise DataError(f"nothing flows down through the vessel: {flow:.3g} m³/s of solids on average")
+    change = float(np.sqrt(((flux_z - sums.mean_flux[1]) ** 2).sum() / (flux_z**2).sum()))
+    field = replace(
+        raw, flux_r=flux_r, flux_y=flux_y, flux_z=flux_z, bulk_flow=flow / plug.packing,
+        flow_scale=flow_scale * plug.solids_flow / flow,
+    )  # fmt: skip
+    if len(segments) >= LEAST_BLOCKS:
+        x, y, z = errors_of([conserving(one) for one in each])
+        field = replace(field, flux_r_se=x, flux_y_se=y, flux_z_se=z, raw_flux_r_se=errors[0], raw_flux_z_se=errors[2])
+    return SpaceFitted(field, len(each), change)
+
+
+def space_errors(field: Field, levels: Mapping[str, tuple[float, float]]) -> dict[str, float]:
+    """E = √(Σ SE² / Σ F²) over the cells of solids, whole and per section, of all three components."""
+    errors = field.flux_r_se, field.flux_y_se, field.flux_z_se
+    assert errors[0] is not None
+    assert errors[1] is not None
+    assert errors[2] is not None
+    assert field.flux_y is not None
+
+    def squares(x: Array, y: Array, z: Array) -> Array:
+        middles = (x[..., 1:] + x[..., :-1]) ** 2 + (y[:, 1:] + y[:, :-1]) ** 2 + (z[1:] + z[:-1]) ** 2
+        return np.asarray(np.where(field.bulk, 0.25 * middles, 0.0).sum(axis=(1, 2)))
+
+    error, flux = squares(errors[0], errors[1], errors[2]), squares(field.flux_r, field.flux_y, field.flux_z)
+    rows = section_rows(field.grid, levels)
+    return {name: float(np.sqrt(error[at].sum() / max(flux[at].sum(), 1e-300))) for name, at in rows.items()}
+
+
+class Projection:
+    """The flows nearest to given ones that leave no cell with more or less.
+
+    Parameters
+    ----------
+    cells : (nz, ny, nx) that solids flow or rest in
+    faces : that may carry flow
+    variance : of the flow through each [m⁶/s²]
+    """
+
+    def __init__(self, cells: Mask, faces: Sequence[Mask], variance: Faces) -> None:
+        import pyamg
+
+        self._faces = faces
+        number = np.full(cells.shape, -1)
+        number[cells] = np.arange(cells.sum())
+        columns, signs, rows, count = [], [], [], 0
+        for axis, face in zip((2, 1, 0), faces, strict=True):
+            place = np.full(face.shape, -1)
+            place[face] = count + np.arange(face.sum())
+            count += int(face.sum())
+            ends = [np.delete(place, end, axis) for end in (-1, 0)]  # faces before and after each cell
+            for sign, end in zip((-1.0, 1.0), ends, strict=True):
+                here = cells & (end >= 0)
+                rows.append(number[here])
+                columns.append(end[here])
+                signs.append(np.full(here.sum(), sign))
+        entries = (np.concatenate(signs), (np.concatenate(rows), np.concatenate(columns)))
+        self._out = sparse.csr_matrix(entries, (int(cells.sum()), count))  # flow out of each cell
+        self._variance = np.concatenate([v[f] for v, f in zip(variance, faces, strict=True)])
+        self._matrix = (self._out @ sparse.diags(self._variance) @ self._out.T).tocsr()
+        coarser = pyamg.smoothed_aggregation_solver(self._matrix, max_coarse=_DIRECT)
+        self._preconditioner = coarser.aspreconditioner()
+
+    def of(self, flow: Faces, whole: float) -> Faces:
+        """The flows nearest to these [m³/s]; `whole` is the flow through the vessel.
+
+        Raises
+        ------
+        SolveError : a cell does not balance to `BALANCE` of the whole
+        """
+        kept = np.concatenate([one[f] for one, f in zip(flow, self._faces, strict=True)])
+        left = self._out @ kept
+        for _ in range(_MOST_SOLVES):
+            if np.abs(left).max(initial=0.0) <= BALANCE * abs(whole):
+                break
+            shift, _ = cg(self._matrix, left, rtol=_ROUGH, maxiter=_MOST_STEPS, M=self._preconditioner)
+            kept = kept - self._variance * (self._out.T @ shift)
+            left = self._out @ kept
+        else:
+            worst = np.abs(left).max() / abs(whole)
+            raise SolveError(
+                f"a cell keeps {worst:.1e} of the flow, {BALANCE:.0e} is allowed: no conserving field found"
+            )
+        found, at = [], 0
+        for face in self._faces:
+            values = np.zeros(face.shape)
+            values[face] = kept[at : at + face.sum()]
+            at += int(face.sum())
+            found.append(values)
+        return found[0], found[1], found[2]
+
+
+def _fluxes(sums: Sums) -> Faces:
+    along_y = sums.mean_flux_y
+    assert along_y is not None  # of a grid in space
+    return sums.mean_flux[0], along_y, sums.mean_flux[1]
+
+
+def _areas(grid: object) -> tuple[float, float, float]:
+    assert isinstance(grid, Box)
+    return float(grid.side_area[0]), grid.front_area, float(grid.ring_area[0])
+
+
+def _flowing(bulk: Mask) -> list[Mask]:
+    """Faces between two cells of solids, and at the lower and upper end of the grid."""
+    found = []
+    for axis in (2, 1, 0):
+        width = [(1, 1) if one == axis else (0, 0) for one in range(3)]
+        padded = np.pad(bulk, width, mode="edge" if axis == 0 else "constant")
+        found.append(np.delete(padded, -1, axis) & np.delete(padded, 0, axis))
+    return found
+
+
+def _smooth(variance: Array, face: Mask, grid: object, diameter: float) -> Array:
+    """The variance through a Gaussian of one particle diameter: a few blocks give it only roughly."""
+    assert isinstance(grid, Box)
+    reach = diameter / grid.cell
+    seen = ndimage.gaussian_filter(np.where(face, variance, 0.0), reach, mode="constant")
+    counted = ndimage.gaussian_filter(face.astype(float), reach, mode="constant")
+    mean = float(variance[face].mean()) if face.any() else 0.0
+    if not mean > 0:
+        return np.ones_like(variance)
+    smooth = np.divide(seen, counted, out=np.full_like(variance, mean), where=counted > 1e-6)
+    return np.asarray(np.maximum(smooth, _LEAST_VARIANCE * mean))
