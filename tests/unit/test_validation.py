@@ -137,14 +137,14 @@ def test_a_column_by_janssens_law_holds_and_another_fails() -> None:
 
 
 def test_wall_forces_come_from_the_file_of_liggghts(tmp_path: Path) -> None:
-    """10 N inwards and 3 N upwards on a sphere at 0.1 m; one on the plate does not count."""
+    """10 N inwards, and upwards 2 N of 3 N for friction 0.2, at 0.1 m; a sphere on the plate does not count."""
     radius = janssen.RADIUS
     rows = [[0, radius, 0.1, 0, radius - 0.003, 0.1, 0, -10, 3], [0, 0, 0, 0, 0, 0.003, 0, 0, 50]]
     (tmp_path / "contacts.1.txt").write_text("\n".join(["head"] * 9 + [" ".join(map(str, row)) for row in rows]) + "\n")
-    inward, upward = janssen.wall_forces([tmp_path / "contacts.1.txt"], np.array([0.0, 0.05, 0.15]))
+    inward, upward = janssen.wall_forces([tmp_path / "contacts.1.txt"], np.array([0.0, 0.05, 0.15]), 0.2)
     area = 2 * np.pi * radius * 0.1
     assert inward == pytest.approx([0, 10 / area])
-    assert upward == pytest.approx([0, 3 / area])
+    assert upward == pytest.approx([0, 2 / area])
 
 
 def test_measures_of_a_pebble_bed() -> None:
