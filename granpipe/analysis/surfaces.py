@@ -12,12 +12,29 @@ from granpipe.field import Array, Field, Grid, Mask, cell_vectors
 LEAST_SURFACE = 3.0
 """Shortest free surface of which an angle is told, in particle diameters across."""
 
+LEAST_HALF = 2.0
+"""The same for one of its halves."""
+
 
 class SurfaceAngle(NamedTuple):
     """Angle of a free surface below the horizontal and its standard error [rad]; positive where it falls outwards."""
 
     angle: float
     error: float
+
+
+class SurfaceHalves(NamedTuple):
+    """Angles of the inner and the outer half of a free surface, and the radius between them [m]."""
+
+    inner: SurfaceAngle
+    outer: SurfaceAngle
+    radius: float
+
+    @property
+    def apart(self) -> SurfaceAngle:
+        """By how much one half is steeper than the other, whichever way they fall, and its standard error [rad]."""
+        steeper = abs(abs(self.inner.angle) - abs(self.outer.angle))
+        return SurfaceAngle(steeper, float(np.hypot(self.inner.error, self.outer.error)))
 
 
 def crossings(values: Array, level: float, grid: Grid, where: Mask) -> Array:
@@ -52,17 +69,37 @@ def surface_angle(field: Field, z_range: tuple[float, float], diameter: float) -
     standard error counts one independent point for each particle diameter [m]. None where it is shorter than
     `LEAST_SURFACE` diameters.
     """
+    r, height = _uppermost(field, z_range)
+    return _line(r, height, field.grid.cell, diameter) if len(r) * field.grid.cell >= LEAST_SURFACE * diameter else None
+
+
+def surface_halves(field: Field, z_range: tuple[float, float], diameter: float) -> SurfaceHalves | None:
+    """The angle of each half of that surface: a material has one, whatever the radius.
+
+    None where a half is shorter than `LEAST_HALF` diameters.
+    """
+    r, height = _uppermost(field, z_range)
+    if len(r) * field.grid.cell < 2 * LEAST_HALF * diameter:
+        return None
+    middle = len(r) // 2
+    inner, outer = (_line(r[half], height[half], field.grid.cell, diameter) for half in np.s_[:middle, middle:])
+    return SurfaceHalves(inner, outer, float(0.5 * (r[middle - 1] + r[middle])))
+
+
+def _uppermost(field: Field, z_range: tuple[float, float]) -> tuple[Array, Array]:
+    """(n,) radii and heights [m] of the uppermost free surface, one for each column of cells that has one."""
     grid = field.grid
     rows = (grid.z_centres > z_range[0]) & (grid.z_centres < z_range[1])
     solid, inside, z = field.bulk[rows], field.inside_fraction[rows] > 0, grid.z_edges[1:][rows]
     free = solid[:-1] & ~solid[1:] & inside[1:]
     columns = np.flatnonzero(free.any(axis=0))
-    if len(columns) * grid.cell < LEAST_SURFACE * diameter:
-        return None
-    r = grid.r_centres[columns]
-    height = z[:-1][len(free) - 1 - free[::-1, columns].argmax(axis=0)]
+    return grid.r_centres[columns], z[:-1][len(free) - 1 - free[::-1, columns].argmax(axis=0)]
+
+
+def _line(r: Array, height: Array, cell: float, diameter: float) -> SurfaceAngle:
+    """Angle of the straight line through points of a surface."""
     slope, offset = np.polyfit(r, height, 1)
-    freedom = max(1.0, len(columns) * grid.cell / diameter - 2)
+    freedom = max(1.0, len(r) * cell / diameter - 2)
     scatter = float(np.sqrt(np.sum((height - slope * r - offset) ** 2) / np.sum((r - r.mean()) ** 2) / freedom))
     return SurfaceAngle(float(-np.arctan(slope)), scatter / (1 + float(slope) ** 2))
 

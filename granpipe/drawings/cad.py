@@ -16,6 +16,7 @@ import numpy as np
 from granpipe.drawings.lines import Line, Lines, Points
 from granpipe.errors import CaseError, MeshError
 from granpipe.system.gmsh_session import gmsh_session
+from granpipe.system.programs import python_environment
 
 _AXES = ("z", "y", "x")
 """In the order in which they are tried as the axis of a body."""
@@ -51,7 +52,7 @@ def read_cad(path: Path, sagitta: float | None = None, up: str = "") -> Lines:
         asked = json.dumps({"path": str(path), "sagitta": sagitta, "up": up, "answer": str(answer)})
         command = [sys.executable, "-m", "granpipe.drawings.cad", asked]
         with contextlib.suppress(subprocess.TimeoutExpired):
-            subprocess.run(command, capture_output=True, timeout=TIMEOUT, check=False)
+            subprocess.run(command, env=python_environment(), capture_output=True, timeout=TIMEOUT, check=False)
         found = json.loads(answer.read_text()) if answer.exists() else {"error": _UNREADABLE}
     if "error" in found:
         raise CaseError(found["error"])

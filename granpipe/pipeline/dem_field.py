@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from granpipe.analysis.surfaces import surface_angle
+from granpipe.analysis.surfaces import surface_angle, surface_halves
 from granpipe.dem.health import ArchError
 from granpipe.errors import DataError
 from granpipe.field import Field
@@ -46,6 +46,7 @@ from granpipe.pipeline.gates import (
     breach_gates,
     cells_gate,
     run_notes,
+    surface_gates,
     upward_gate,
 )
 from granpipe.pipeline.model_result import ModelResult
@@ -129,6 +130,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
             cells_gate(plan),
             *(() if changed is None else (SMOOTHING.gate(changed),)),
             *((asymmetry_gate(figures["off_centre"]),) if "off_centre" in figures else ()),
+            *surface_gates(figures),
             *breach_gates(plan.breaches),
         ),
         figures=figures
@@ -164,13 +166,19 @@ def _discharge(plan: Plan, steady: Sequence[Sums], productions: Sequence[Product
     return found.times(1 / plan.outline.measure.share(plan.case.outline.depth))
 
 
-def _surface_angles(field: Field, plan: Plan) -> dict[str, dict[str, float]]:
-    """Section → angle of its free surface below the horizontal, with its standard error [rad]."""
+def _surface_angles(field: Field, plan: Plan) -> dict[str, dict[str, Any]]:
+    """Section → angle of its free surface below the horizontal, with its standard error [rad], and of its halves."""
     if not plan.outline.measure.axial:
         return {}  # a slab may have one on either side
-    levels, diameter = plan.case.outline.levels, plan.dem.classes.sauter_diameter
-    found = {name: surface_angle(field, (low, top), diameter) for name, (top, low) in levels.items()}
-    return {name: angle._asdict() for name, angle in found.items() if angle is not None}
+    diameter = plan.dem.classes.sauter_diameter
+    found: dict[str, dict[str, Any]] = {}
+    for name, (top, low) in plan.case.outline.levels.items():
+        if (angle := surface_angle(field, (low, top), diameter)) is not None:
+            found[name] = angle._asdict()
+            if (halves := surface_halves(field, (low, top), diameter)) is not None:
+                parts = {"inner": halves.inner, "outer": halves.outer, "apart": halves.apart}
+                found[name] |= {key: part._asdict() for key, part in parts.items()} | {"radius": halves.radius}
+    return found
 
 
 def _overlap_gates(beds: Sequence[OverlapRecord]) -> list[Gate]:

@@ -26,7 +26,7 @@ from granpipe.system.locks import Owner, locked
 from granpipe.system.publish import lock_file
 from granpipe.system.rates import known_rates
 from granpipe.system.store import Store
-from granpipe.system.surroundings import require_memory
+from granpipe.system.surroundings import require_memory, require_style
 from granpipe.system.versions import library_versions, program_versions
 
 
@@ -69,6 +69,7 @@ def run_case(
     folder, store, cores = results / file.case.name, store or Store(results / ".store"), usable_cores()
     plan = plan_case(file, cores)
     require_memory()
+    require_style()
     with store.in_use(), _alone(folder, store):
         return _run(file, plan, folder, Context(store, _versions(file, plan, store), progress, cores), begun, agreed)
 

@@ -7,7 +7,6 @@ it needs, so a worker takes several of them.
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import subprocess
 import sys
@@ -25,6 +24,7 @@ from granpipe.sweep.state import State
 from granpipe.system.children import DieWithParent
 from granpipe.system.cores import VARIABLE
 from granpipe.system.pool import Task, run_together
+from granpipe.system.programs import python_environment
 
 CHUNK = 25
 """Points without particles that one worker takes."""
@@ -127,7 +127,7 @@ def _worker(folder: Folder, names: Sequence[str], ranks: int, log: Path) -> Iter
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
-            env=os.environ | {"OMP_NUM_THREADS": str(ranks), VARIABLE: str(ranks)},
+            env=python_environment() | {"OMP_NUM_THREADS": str(ranks), VARIABLE: str(ranks)},
             start_new_session=True,
             preexec_fn=DieWithParent(),
         )

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from granpipe.errors import RunError
 from granpipe.system.locks import shared
-from granpipe.system.programs import liggghts_version
+from granpipe.system.programs import liggghts_version, python_environment
 from granpipe.system.surroundings import cache_folder, can_be_written, require_memory
 
 TIMEOUT = 30.0
@@ -229,7 +229,13 @@ def _output(command: list[str]) -> tuple[str | None, str]:
     """What a program prints if it succeeds, otherwise None; and the last line of its complaint."""
     try:
         done = subprocess.run(
-            command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TIMEOUT, check=False
+            command,
+            env=python_environment(),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         return None, f"{command[0]} did not answer within {TIMEOUT:g} s"

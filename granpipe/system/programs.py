@@ -1,11 +1,13 @@
-"""The programs that granpipe starts: where they are, and which LIGGGHTS it is."""
+"""The programs that granpipe starts: where they are, which LIGGGHTS it is, and what Python must not import."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import subprocess
+from pathlib import Path
 
+import granpipe
 from granpipe.errors import RunError
 
 
@@ -31,6 +33,16 @@ def liggghts_version(timeout: float = 60) -> str:
     if not line:
         raise RunError(f"{binary} does not start: {(done.stderr or done.stdout).strip()[:200]}")
     return line.strip()
+
+
+def python_environment() -> dict[str, str]:
+    """Environment of a Python that imports granpipe as this one does, and nothing from the folder that it works in.
+
+    Otherwise a ``gmsh.py`` or ``random.py`` of the user's there would run in the place of the library.
+    """
+    root = str(Path(granpipe.__file__).parents[1])
+    path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+    return os.environ | {"PYTHONSAFEPATH": "1", "PYTHONPATH": path}
 
 
 def find_program(name: str) -> str:

@@ -37,13 +37,26 @@ class Lossy:
         self._stream, self._lost = stream, lost
 
     def write(self, text: str) -> int:
-        with contextlib.suppress(self._lost):
+        with self._told():
             self._stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        with contextlib.suppress(self._lost):
+        with self._told():
             self._stream.flush()
+
+    @contextlib.contextmanager
+    def _told(self) -> Iterator[None]:
+        """Other errors are raised once, with the name of the stream; what is written afterwards is lost."""
+        try:
+            yield
+        except self._lost:
+            pass
+        except OSError as error:
+            error.filename = self._stream.name
+            with contextlib.suppress(OSError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+            raise
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
@@ -92,6 +105,27 @@ def own_style(changes: dict[Any, Any]) -> Iterator[None]:
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(changes)
         yield
+
+
+def require_style() -> None:
+    """Make sure that matplotlib, which draws at the end of the work, can read the user's style: it will not start else.
+
+    Raises
+    ------
+    RunError : it cannot
+    """
+    folder = os.environ.get("MPLCONFIGDIR") or Path(os.environ.get("XDG_CONFIG_HOME") or "~/.config") / "matplotlib"
+    given = Path(os.environ.get("MATPLOTLIBRC") or "")
+    for path in (Path("matplotlibrc"), given, given / "matplotlibrc", Path(folder).expanduser() / "matplotlibrc"):
+        try:
+            if path.is_file():
+                path.read_text(encoding="utf-8")
+        except UnicodeDecodeError as error:
+            raise RunError(
+                f"{path}: not UTF-8 text, so that matplotlib does not start; repair it or move it"
+            ) from error
+        except (OSError, RuntimeError):  # matplotlib passes over what it cannot read; RuntimeError: there is no home
+            continue
 
 
 def require_memory() -> None:

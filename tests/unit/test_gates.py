@@ -18,6 +18,7 @@ from granpipe.pipeline.gates import (
     asymmetry_gate,
     level_flow_gates,
     run_notes,
+    surface_gates,
     upward_gate,
 )
 from granpipe.pipeline.gates_page import gates_page
@@ -50,6 +51,39 @@ def test_a_part_is_given_in_percent_with_the_remedy():
     assert str(SMOOTHING.gate(0.2, ", hopper")).startswith(
         "change of the field by smoothing, beyond noise, hopper: 0.2, must"
     )
+
+
+def surface(inner: float, outer: float, error: float = 0.01) -> dict[str, object]:
+    """Angles in degrees, errors in radians."""
+    one, other = ({"angle": math.radians(angle), "error": error} for angle in (inner, outer))
+    apart = {"angle": abs(abs(one["angle"]) - abs(other["angle"])), "error": math.sqrt(2) * error}
+    return {"angle": 0.4, "error": 0.05, "inner": one, "outer": other, "apart": apart, "radius": 0.85}
+
+
+@pytest.mark.parametrize(
+    ("found", "turnovers", "passed"),
+    [
+        (surface(34, 15), 0.2, False),
+        (surface(34, 15), 1.2, True),  # what flows makes its own surface
+        (surface(34, 15, error=0.1), 0.2, True),  # within the noise
+        (surface(34, 26), 0.2, True),
+        (surface(30, -30), 0.2, True),  # a ridge
+    ],
+)
+def test_a_bent_free_surface_that_may_be_left_from_the_filling_marks_the_result(found, turnovers, passed):
+    figures = {"surface_angles": {"c": surface(30, 29), "d": found}, "turnovers": {"c": 0.1, "d": turnovers}}
+    (gate,) = surface_gates(figures)
+    assert gate.passed is passed
+    assert passed or (gate.value == pytest.approx(19) and "section d" in gate.name)
+
+
+def test_a_surface_without_halves_has_no_gate_and_a_bent_one_is_told_with_both_slopes():
+    short = {"surface_angles": {"d": {"angle": 0.4, "error": 0.05}}, "turnovers": {"d": 0.2}}
+    assert surface_gates(short) == surface_gates({}) == []
+    figures = {"surface_angles": {"d": surface(34, 15, error=0.1)}, "turnovers": {"d": 2.0}}
+    assert run_notes(figures) == [
+        "section d: free surface at 23 ± 3° below the horizontal (34 ± 6° inside r = 0.85 m, 15 ± 6° beyond)"
+    ]
 
 
 def off_centre(first: float, error: float, second: float = 0.0, swirl: float = 0.0) -> dict[str, object]:

@@ -7,7 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from granpipe.analysis.surfaces import bulk_edge, crossings, displacement, stagnant_area, surface_angle, void_area
+from granpipe.analysis.surfaces import (
+    bulk_edge,
+    crossings,
+    displacement,
+    stagnant_area,
+    surface_angle,
+    surface_halves,
+    void_area,
+)
 from granpipe.errors import DataError
 from granpipe.field import Field, Grid
 
@@ -58,6 +66,26 @@ def test_a_curved_surface_has_an_angle_of_large_error():
     found = surface_angle(filled_to(1.2 - R**2), (0.2, 2.0), diameter=0.1)
     assert np.tan(found.angle) == pytest.approx(0.8, abs=0.02)
     assert 2 < np.degrees(found.error) < 8
+
+
+def test_the_halves_of_a_straight_surface_are_equally_steep_whichever_way_they_fall():
+    slope = np.tan(np.radians(30))
+    for height in (1.2 - slope * R, 1.2 - slope * np.abs(R - 0.4), 0.8 + slope * np.abs(R - 0.4)):
+        halves = surface_halves(filled_to(height), (0.2, 2.0), diameter=0.1)
+        assert halves.radius == pytest.approx(0.4, abs=GRID.cell)
+        for half in (halves.inner, halves.outer):
+            assert abs(np.degrees(half.angle)) == pytest.approx(30, abs=0.8)
+        assert np.degrees(halves.apart.angle) < 1
+
+
+def test_a_bent_surface_has_halves_that_differ_beyond_their_errors():
+    """34° inside, 15° beyond."""
+    inner, outer = (np.tan(np.radians(angle)) for angle in (34, 15))
+    bent = filled_to(1.2 - inner * np.minimum(R, 0.4) - outer * np.maximum(R - 0.4, 0))
+    halves = surface_halves(bent, (0.2, 2.0), diameter=0.1)
+    assert np.degrees(halves.apart.angle) == pytest.approx(19, abs=0.8)
+    assert halves.apart.angle > 3 * halves.apart.error
+    assert surface_halves(bent, (0.2, 2.0), diameter=0.21) is None  # too short for its particles
 
 
 def test_no_free_surface_or_a_short_one_has_no_angle():
