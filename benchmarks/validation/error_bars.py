@@ -81,24 +81,51 @@ def measured(data: Data, name: str) -> tuple[float, float]:
     return float(ratio), float(np.mean(held))
 
 
+def jackknife(data: Data, name: str) -> tuple[float, float]:
+    """Standard errors of what `measured` gives, by leaving out one filling after the other."""
+    left = np.array([measured({key: one for key, one in data.items() if key != out}, name) for out in data])
+    ratio, held = np.sqrt((len(left) - 1) * left.var(axis=0))
+    return float(ratio), float(held)
+
+
+PLAIN = """
+    *Plain averages* claim errors that are 1.4 to 1.6 times too large, which is safe but not right: the flux through a
+    face is anticorrelated over 2 to 8 samples (−0.05 to −0.2), probably as layers of particles pass, and
+    correlation times, which end at the first pair of lags that is not positive, do not see it. What is exported is the
+    ψ fit.
+"""
+FITTED = """
+    *ψ fit*: what is left out of the range is within the standard error that leaving out one filling after the other
+    gives (the figure after ±).
+"""
+
+
 def judge(data: Data) -> list[Verdict]:
     verdicts = []
     for name in NAMES if len(data) > 2 else ():
         ratio, held = measured(data, name)
+        ratio_se, held_se = jackknife(data, name)
+        cause = PLAIN if name.startswith("raw") else FITTED
         label = "plain average" if name.startswith("raw") else "ψ fit"
         label += ", radial" if name.endswith("r") else ", vertical"
         verdicts.append(
-            Verdict(f"scatter over claimed error, {label}", "0.9 to 1.1", f"{ratio:.2f}", RATIO[0] <= ratio <= RATIO[1])
-        )
+            Verdict(
+                f"scatter over claimed error, {label}", "0.9 to 1.1", f"{ratio:.2f} ± {ratio_se:.2f}",
+                RATIO[0] <= ratio <= RATIO[1], cause,
+            )
+        )  # fmt: skip
         verdicts.append(
-            Verdict(f"95 % intervals, {label}", "93 to 97 %", f"{100 * held:.1f} %", COVERAGE[0] <= held <= COVERAGE[1])
-        )
+            Verdict(
+                f"95 % intervals, {label}", "93 to 97 %", f"{100 * held:.1f} ± {100 * held_se:.1f} %",
+                COVERAGE[0] <= held <= COVERAGE[1], cause,
+            )
+        )  # fmt: skip
     kept = [one["halves"] for one in data.values() if "halves" in one]
     for name, label in (("r", "radial"), ("z", "vertical")) if kept else ():
         ratio, held = np.sqrt(np.mean([one[name][0] ** 2 for one in kept])), np.mean([one[name][1] for one in kept])
         text = f"{100 * held:.1f} %; scatter over claimed {ratio:.2f}"
         passed = COVERAGE[0] <= held <= COVERAGE[1]
-        verdicts.append(Verdict(f"95 % intervals between halves of a run, {label}", "93 to 97 %", text, passed))
+        verdicts.append(Verdict(f"95 % intervals between halves of a run, {label}", "93 to 97 %", text, passed, PLAIN))
     return verdicts
 
 
@@ -128,7 +155,7 @@ CASE = Case(
         {len(SEEDS)} fillings of cases/smoke.yaml, each averaged from 2 to 12 s, at all faces that carry more than 5 %
         of the RMS vertical flux. Scatter: standard deviation between fillings over the RMS standard error that each
         run tells of itself. Intervals: how often the 95 % interval of one run (Student's t with its effective number
-        of blocks) holds the mean of the others, whose own error is allowed for.
+        of blocks) holds the mean of the others, whose own error is allowed for. ± one standard error.
     """,
     source="Repetition: what a standard error means.",
     criterion="Scatter over claimed error 0.9 to 1.1; 93 to 97 % of the 95 % intervals hold.",

@@ -9,7 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.system.jsonfile import read_json, write_json
-from validation import article, beverloo, error_bars, hoppers, janssen, monte_carlo, other_code, pebble_bed, repose
+from validation import (
+    article,
+    beverloo,
+    dosta,
+    error_bars,
+    hoppers,
+    janssen,
+    monte_carlo,
+    other_code,
+    pebble_bed,
+    repose,
+)
 from validation.case import Case, Data
 
 CASES: tuple[Case, ...] = (
@@ -18,6 +29,7 @@ CASES: tuple[Case, ...] = (
     other_code.CASE,
     beverloo.CASE,
     beverloo.SPREADING,
+    dosta.CASE,
     janssen.CASE,
     pebble_bed.CASE,
     repose.CASE,

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from validation import beverloo, error_bars, hoppers, janssen, monte_carlo, pebble_bed, repose
+from validation import beverloo, dosta, error_bars, hoppers, janssen, lammps, monte_carlo, pebble_bed, repose
 from validation.page import lines
 from validation.suite import CASES, results_of
 
+from granpipe.case.reader import read_case
 from granpipe.dem.snapshot import Snapshot
 from granpipe.field import Grid
+from granpipe.planning.plan import make_plan
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "benchmarks" / "references" / "validation"
@@ -159,3 +161,27 @@ def test_measures_of_a_pebble_bed() -> None:
     assert found["layer"] == pytest.approx(2, abs=0.13)
     assert found["corner"] == pytest.approx(0.2)
     assert found["spread"] == pytest.approx(0.7)
+
+
+def test_the_rate_of_a_bed_that_empties_steadily() -> None:
+    """2 kg/s from 0.1 s on, in snapshots 7 ms apart, with mass that goes in lumps of 1 g."""
+    times = np.arange(0, 0.6, 0.007)
+    above = 3 - np.round(2 * np.maximum(times - 0.1, 0), 3)
+    value, error = dosta.rate({"times": times, "above": above})
+    assert value == pytest.approx(2, rel=2e-3)
+    assert error < 0.02
+
+
+def test_lammps_gets_the_numbers_of_the_case(tmp_path: Path) -> None:
+    (tmp_path / "silo.yaml").write_text(dosta.text(40))
+    plan = make_plan(read_case(tmp_path / "silo.yaml").case, 1)
+    lines = lammps.deck(plan, dosta.walls(plan, 40), 0.1, lost="ignore").splitlines()
+    stiff = f"{plan.dem.youngs_modulus:g}"
+    pair = next(line for line in lines if line.startswith("pair_coeff"))
+    assert pair.startswith(f"pair_coeff * * hertz/material {stiff} 0.5 0.2 tangential mindlin NULL ")
+    assert " 0.3 damping" in pair  # friction, and no rolling resistance
+    walls = [line for line in lines if "wall/gran/region" in line]
+    assert len(walls) == 3
+    assert all(f"hertz/material {stiff} 0.4 0.2 " in line and " 0.2 damping" in line for line in walls)
+    assert "region cone cone z 0 0 0.02 0.11 0.001 0.091 open 1 open 2" in lines
+    assert f"run {round(0.1 / plan.dem.time_step)}" in lines
