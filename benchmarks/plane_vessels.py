@@ -83,7 +83,6 @@ def hopper(thickness: int = 8, seed: int = 1, name: str = "", snapshots: str = "
             "dem.thickness": repr(thickness * DIAMETER),
             "dem.seed": str(seed),
             "dem.keep_snapshots": snapshots,
-            "dem.statistical_error": "null",
             "dem.max_time": repr(SECONDS),
             "dem.ranks": "1",
             "homogenize.start": repr(START),

@@ -32,7 +32,7 @@ def provenance(folder: Path) -> dict[str, Any]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of a slice four particles thick."""
     folder = tmp_path_factory.mktemp("plane")
-    changes = SMALL | WALLS | {"dem.max_time": "0.7 s", "dem.statistical_error": "null", "homogenize.start": "0.2 s"}
+    changes = SMALL | WALLS | {"dem.max_time": "0.7 s", "homogenize.start": "0.2 s"}
     return run(read_case(CASE, changes), folder)[0].folder
 
 
@@ -68,7 +68,7 @@ def test_no_wall_layer_is_seen_at_the_periodic_faces(made: Path) -> None:
 def test_discharge_is_that_of_the_stated_depth(tmp_path: Path) -> None:
     """1.03 ρ_b √g L (w − 1.4 d)^1.5 within a quarter for so short a run of so narrow a slot, L = 1 m."""
     changes = SMALL | WALLS | {
-        "dem.outlet": "open", "dem.max_time": "0.5 s", "dem.statistical_error": "null", "homogenize.start": "0.2 s",
+        "dem.outlet": "open", "dem.max_time": "0.5 s", "homogenize.start": "0.2 s",
         "export": "[]",
     }  # fmt: skip
     figures = provenance(run(read_case(CASE, changes), tmp_path)[0].folder)["figures"]
