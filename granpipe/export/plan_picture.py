@@ -74,11 +74,13 @@ def plan_picture(planned: Planned, title: str, path: Path) -> None:
             place = (0.5 * (inner + outer), z)
             axes.annotate(name, place, above, textcoords="offset points", fontsize=7, ha="center")
         if planned.feed is not None:
-            axes.fill_between([0, wall[0, 0]], wall[0, 1], planned.feed[1], color=REST, alpha=0.25, linewidth=0)
-            axes.text(0.05 * width, planned.feed[1], "reservoir and feed", fontsize=7, va="top")
+            axes.fill_between(
+                [left[0, 0], wall[0, 0]], wall[0, 1], planned.feed[1], color=REST, alpha=0.25, linewidth=0
+            )
+            axes.text(left[0, 0] + 0.05 * width, planned.feed[1], "reservoir and feed", fontsize=7, va="top")
         for level, name in zip(planned.plate or (), ("plate at the start", "plate at the end"), strict=False):
-            axes.plot([0, wall[-1, 0]], [level, level], color=INK, linewidth=2.0)
-            axes.annotate(name, (0.05 * width, level), (0, 3), textcoords="offset points", fontsize=7)
+            axes.plot([left[-1, 0], wall[-1, 0]], [level, level], color=INK, linewidth=2.0)
+            axes.annotate(name, (left[-1, 0] + 0.05 * width, level), (0, 3), textcoords="offset points", fontsize=7)
         across = "r [m]" if planned.axial else "x [m]"
         axes.set(
             xlabel=across, ylabel="z [m]", xlim=(begin - 0.03 * width, begin + 2.0 * width), title=title, aspect="equal"

@@ -11,6 +11,8 @@ import pytest
 from fakes.runs import run
 
 from granpipe.case.reader import read_case
+from granpipe.dem.deck import DUMP_COLUMNS
+from granpipe.dem.dump import read_snapshot
 from granpipe.field import Box, Field, divergence, level_flow
 
 pytestmark = pytest.mark.liggghts
@@ -32,7 +34,9 @@ def provenance(folder: Path) -> dict[str, Any]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of a slice four particles thick."""
     folder = tmp_path_factory.mktemp("plane")
-    changes = SMALL | WALLS | {"dem.max_time": "0.7 s", "homogenize.start": "0.2 s"}
+    changes = SMALL | WALLS | {
+        "dem.max_time": "0.7 s", "dem.keep_snapshots": "thinned", "homogenize.start": "0.2 s",
+    }  # fmt: skip
     return run(read_case(CASE, changes), folder)[0].folder
 
 
@@ -55,20 +59,18 @@ def test_every_gate_but_that_of_the_thin_slice_is_passed(made: Path) -> None:
 
 def test_no_wall_layer_is_seen_at_the_periodic_faces(made: Path) -> None:
     """Particles are as many beside the faces as midway: walls order them there, images do not."""
-    from granpipe.dem.deck import DUMP_COLUMNS
-    from granpipe.dem.dump import read_snapshot
-
-    chain = next((made.parent / ".store").glob("produce-*"))
-    beds = [read_snapshot(path / "snapshot.bin", DUMP_COLUMNS) for path in sorted(chain.glob("segment-*"))]
+    (chain,) = (made.parent / ".store").glob("produce-*")
+    beds = [read_snapshot(path, DUMP_COLUMNS) for path in sorted((chain / "snapshots").iterdir())]
     y = np.concatenate([bed.position[:, 1] for bed in beds]) % 0.02
     near, far = np.sum((y < 0.0025) | (y > 0.0175)), np.sum((y > 0.0075) & (y < 0.0125))
     assert near == pytest.approx(far, rel=0.1)
 
 
+@pytest.mark.slow
 def test_discharge_is_that_of_the_stated_depth(tmp_path: Path) -> None:
     """1.03 ρ_b √g L (w − 1.4 d)^1.5 within a quarter for so short a run of so narrow a slot, L = 1 m."""
     changes = SMALL | WALLS | {
-        "dem.outlet": "open", "dem.max_time": "0.5 s", "homogenize.start": "0.2 s",
+        "dem.outlet": "open", "dem.max_time": "0.35 s", "homogenize.cell": "2.5 mm", "homogenize.start": "0.15 s",
         "export": "[]",
     }  # fmt: skip
     figures = provenance(run(read_case(CASE, changes), tmp_path)[0].folder)["figures"]

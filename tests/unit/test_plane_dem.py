@@ -24,6 +24,7 @@ from granpipe.geometry.revolve import SMALLEST_ANGLE, triangle_angles
 from granpipe.geometry.walls import build_walls
 from granpipe.homogenize.average import Collector
 from granpipe.homogenize.conserve import measure_plug
+from granpipe.pipeline.discharge import Discharge
 from granpipe.pipeline.health_limits import flow_limits
 from granpipe.planning.plan import THICKNESS, Plan, make_plan
 from granpipe.study.points import make_study
@@ -250,6 +251,16 @@ def test_a_particle_behind_the_left_wall_is_outside():
     limits = flow_limits(plan.outline, plan.dem, 0.5)
     x, z = np.array([-0.049, -0.051, -0.03, 0.029, 0.031, 0.0]), np.array([0.15, 0.15, 0.01, 0.15, 0.15, 0.01])
     assert limits.inside(x, z).tolist() == [True, False, False, True, False, True]
+
+
+def test_the_discharge_of_a_slice_becomes_that_of_the_depth():
+    made = Discharge(0.2, 0.01, None).times(1 / Measure(0.04, axial=False).share(1.0))
+    assert (made.kg_per_s, made.standard_error, made.counted_kg_per_s) == (
+        pytest.approx(5.0),
+        pytest.approx(0.25),
+        None,
+    )
+    assert Measure().share(None) == 1.0
 
 
 # --- sums -------------------------------------------------------------------------------------------------------------
