@@ -20,8 +20,8 @@ pytestmark = pytest.mark.liggghts
 CASE = Path(__file__).parents[2] / "cases" / "slot_hopper.yaml"
 SMALL = {"dem.thickness": "20 mm", "dem.ranks": "1", "figures": "[]", "outline.sections": "{}"}
 WALLS = {
-    "outline.left": "[[-30, 60], [-30, 45], [-15, 10], [-15, 0]]",
-    "outline.right": "[[25, 60], [25, 40], [15, 15], [15, 0]]",
+    "outline.left": "[[-20, 60], [-20, 45], [-15, 10], [-15, 0]]",
+    "outline.right": "[[35, 60], [35, 40], [15, 10], [15, 0]]",
 }
 
 
