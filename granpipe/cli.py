@@ -449,23 +449,27 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
 @click.option("--start", type=_Quantity("time"), help="Time at which the average begins.")
 @click.option("--stop", type=_Quantity("time"), help="Time at which the average ends.")
 @click.option("--case", type=_PATH, help="Case that gives outline, method and flow rate.")
+@click.option("--walls", type=_PATH, multiple=True,
+              help="STL or OBJ file of the walls of a vessel, open at top and bottom; may be repeated.")  # fmt: skip
+@click.option("--unit", default="m", show_default=True, help="Unit of the files of --walls, such as mm.")
 @click.option("--out", required=True, type=_PATH, help="Folder for the field.")
 def homogenize(
     dumps: tuple[Path, ...], cell: float, plane: Literal["rz", "xz", "xyz"], x: tuple[float, float] | None,
     y: tuple[float, float] | None, z: tuple[float, float] | None, time_step: float,
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None, axis: tuple[float, float] | None, radius: float | None,
-    columns: str | None, start: float | None, stop: float | None, case: Path | None, out: Path,
+    columns: str | None, start: float | None, stop: float | None, case: Path | None, walls: tuple[Path, ...], unit: str,
+    out: Path,
 ) -> None:  # fmt: skip
     """Average DUMPS of your own LIGGGHTS run into a field.
 
     DUMPS are binary, text, gzipped or VTK dump files. With --case the field is made to conserve volume inside the
-    case's outline. Without it the field is the plain average on a grid around the particles; in the plane x-z it is
-    made to conserve volume as well. Ranges are in the directions that --up and --axis make: z up, the axis at
-    x = y = 0.
+    case's outline, and with --plane xyz --walls inside these walls. Without them the field is the plain average on a
+    grid around the particles; in the plane x-z it is made to conserve volume as well. Ranges are in the directions that
+    --up and --axis make: z up, the axis at x = y = 0.
     """
     from granpipe.pipeline.dump_files import write_homogenized
     from granpipe.pipeline.dump_window import Frame, Request
-    from granpipe.pipeline.dumps import homogenize_files
+    from granpipe.pipeline.dumps import Walls, homogenize_files
 
     if not LEAST_TIME_STEP <= time_step <= MOST_TIME_STEP:
         message = f"{time_step:g} s is no time step of a particle simulation; it must be in [{LEAST_TIME_STEP:g}, "
@@ -480,7 +484,13 @@ def homogenize(
         stop=math.inf if stop is None else stop,
         radius=radius,
     )
-    made = homogenize_files(request, outline_case)
+    from granpipe.case import units
+
+    try:
+        given = Walls(walls, units.length_unit(unit)) if walls else None
+    except units.UnitError as error:
+        raise click.BadParameter(str(error), param_hint="--unit") from None
+    made = homogenize_files(request, outline_case, given)
     write_homogenized(made, outline_case, out)
     click.echo(f"field in {out}; sampled by {made.sampling}; method: {made.method}")
     for note in made.notes:

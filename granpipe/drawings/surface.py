@@ -32,7 +32,7 @@ def read_surface(path: Path, sagitta: float | None = None, up: str = "") -> Line
     ------
     CaseError : no such file, no triangles, or not a surface of revolution
     """
-    points, triangles = _read(path)
+    points, triangles = read_triangles(path)
     centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
     size = float(np.ptp(points, axis=0).max())
     reasons = []
@@ -52,7 +52,13 @@ def read_surface(path: Path, sagitta: float | None = None, up: str = "") -> Line
     raise CaseError(f"not a surface of revolution with {FEWEST_FACETS} facets per turn or more: {', '.join(reasons)}")
 
 
-def _read(path: Path) -> tuple[Points, NDArray[np.int64]]:
+def read_triangles(path: Path) -> tuple[Points, NDArray[np.int64]]:
+    """(n, 3) corners and (m, 3) which of them each triangle of an STL or OBJ file has.
+
+    Raises
+    ------
+    CaseError : no triangles can be read
+    """
     from meshio import obj, stl
 
     try:

@@ -32,7 +32,7 @@ BALANCE = 1e-12
 _ROUGH = 1e-6  # of the right side, at which a solve begins anew with what is left
 _MOST_SOLVES, _MOST_STEPS = 6, 200
 _DIRECT = 500  # cells of the coarsest grid
-_LEAST_VARIANCE = 0.01  # of the mean of a direction
+_LEAST_VARIANCE = 0.01  # of the mean
 
 Faces = tuple[Array, Array, Array]
 """Values on the faces across x (nz, ny, nx+1), y (nz, ny+1, nx) and z (nz+1, ny, nx)."""
@@ -45,11 +45,13 @@ class SpaceFitted:
     field : the field
     blocks : how many blocks of segments the standard errors rest on; none are given below 7
     change : √(Σ A δF²/Σ A F²) of the vertical flux, δF what conserving changes
+    out : (1 + blocks, ny, nx) solids that leave through the lowest faces, of the whole and of each block [m³/s]
     """
 
     field: Field
     blocks: int
     change: float
+    out: Array
 
 
 def space_field(
@@ -83,8 +85,8 @@ def space_field(
         return [local_errors(np.array(one), run, sums.grid, diameter) for one in zip(*fluxes, strict=True)]
 
     errors = errors_of(each)
-    variance = [_smooth((a * se) ** 2, f, sums.grid, diameter) for a, se, f in zip(area, errors, faces, strict=True)]
-    projection = Projection(raw.bulk, faces, (variance[0], variance[1], variance[2]))
+    variance = _variances([(a * se) ** 2 for a, se in zip(area, errors, strict=True)], faces, sums.grid, diameter)
+    projection = Projection(raw.bulk, faces, variance)
 
     def conserving(flux: Faces) -> Faces:
         x, y, z = projection.of((flux[0] * area[0], flux[1] * area[1], flux[2] * area[2]), plug.solids_flow)
@@ -99,10 +101,13 @@ def space_field(
         raw, flux_r=flux_r, flux_y=flux_y, flux_z=flux_z, bulk_flow=flow / plug.packing,
         flow_scale=flow_scale * plug.solids_flow / flow,
     )  # fmt: skip
+    out = [-flux_z[0] * area[2]]
     if len(segments) >= LEAST_BLOCKS:
-        x, y, z = errors_of([conserving(one) for one in each])
+        fitted = [conserving(one) for one in each]
+        out += [-one[2][0] * area[2] for one in fitted]
+        x, y, z = errors_of(fitted)
         field = replace(field, flux_r_se=x, flux_y_se=y, flux_z_se=z, raw_flux_r_se=errors[0], raw_flux_z_se=errors[2])
-    return SpaceFitted(field, len(each), change)
+    return SpaceFitted(field, len(each), change, np.array(out))
 
 
 def space_errors(field: Field, levels: Mapping[str, tuple[float, float]]) -> dict[str, float]:
@@ -206,14 +211,19 @@ def _flowing(bulk: Mask) -> list[Mask]:
     return found
 
 
-def _smooth(variance: Array, face: Mask, grid: object, diameter: float) -> Array:
-    """The variance through a Gaussian of one particle diameter: a few blocks give it only roughly."""
+def _variances(variance: Sequence[Array], faces: Sequence[Mask], grid: object, diameter: float) -> Faces:
+    """Variances over the mean of all, through a Gaussian of one particle diameter: a few blocks give them only roughly.
+
+    At least `_LEAST_VARIANCE`: where nothing varies, as across a rigid motion, the average is not known without error.
+    """
     assert isinstance(grid, Box)
-    reach = diameter / grid.cell
-    seen = ndimage.gaussian_filter(np.where(face, variance, 0.0), reach, mode="constant")
-    counted = ndimage.gaussian_filter(face.astype(float), reach, mode="constant")
-    mean = float(variance[face].mean()) if face.any() else 0.0
-    if not mean > 0:
-        return np.ones_like(variance)
-    smooth = np.divide(seen, counted, out=np.full_like(variance, mean), where=counted > 1e-6)
-    return np.asarray(np.maximum(smooth, _LEAST_VARIANCE * mean))
+    open_faces = sum(int(face.sum()) for face in faces)
+    mean = sum(float(one[face].sum()) for one, face in zip(variance, faces, strict=True)) / max(1, open_faces)
+    found = []
+    for one, face in zip(variance, faces, strict=True):
+        reach = diameter / grid.cell
+        seen = ndimage.gaussian_filter(np.where(face, one, 0.0), reach, mode="constant")
+        counted = ndimage.gaussian_filter(face.astype(float), reach, mode="constant")
+        smooth = np.divide(seen, counted * mean, out=np.ones_like(one), where=counted * mean > 1e-6 * mean)
+        found.append(np.maximum(smooth, _LEAST_VARIANCE))
+    return found[0], found[1], found[2]

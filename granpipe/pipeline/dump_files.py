@@ -9,7 +9,7 @@ from granpipe import __version__
 from granpipe.case.schema import Case
 from granpipe.export.run_report import write_run_report
 from granpipe.field import Field
-from granpipe.pipeline.dumps import Homogenized
+from granpipe.pipeline.dump_average import Homogenized
 from granpipe.pipeline.exports import write_exports
 from granpipe.pipeline.plot import DrawnVessel
 from granpipe.pipeline.summary import field_summary

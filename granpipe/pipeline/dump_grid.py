@@ -57,21 +57,20 @@ def slab_grid(found: Survey, frame: Frame, outline: Outline) -> Grid:
     return Box.within(x, _range(found, frame, "y"), z, frame.cell, flat=True, cut=frame.y is not None)
 
 
-def vessel_box(outline: Outline, frame: Frame, segments: int) -> Box:
-    """The grid in space round a vessel of revolution.
+def vessel_box(ends: tuple[Range, Range, Range], frame: Frame, segments: int) -> Box:
+    """The grid in space round a vessel.
 
     Parameters
     ----------
+    ends : of the vessel along x, y and z [m]
     segments : how many of them will be held at once
 
     Raises
     ------
     DataError : more cells than the memory holds
     """
-    across, height = (-outline.r_max, outline.r_max), (outline.z_bottom, outline.z_top)
-    lengths = np.array([2 * outline.r_max, 2 * outline.r_max, height[1] - height[0]])
-    _check_memory(np.ceil(lengths / frame.cell), segments)
-    return Box.within(across, across, height, frame.cell, flat=False, cut=True)
+    _check_memory(np.ceil(np.ptp(np.array(ends), axis=1) / frame.cell), segments)
+    return Box.within(*ends, frame.cell, flat=False, cut=True)
 
 
 def _range(found: Survey, frame: Frame, axis: str) -> Range:

@@ -20,9 +20,10 @@ from granpipe.case.schema import Case
 from granpipe.cli import main
 from granpipe.errors import DataError
 from granpipe.field import level_flow
+from granpipe.pipeline.dump_average import Homogenized
 from granpipe.pipeline.dump_files import write_homogenized
 from granpipe.pipeline.dump_window import Frame, Request, Up
-from granpipe.pipeline.dumps import Homogenized, homogenize_files
+from granpipe.pipeline.dumps import homogenize_files
 
 Array = NDArray[np.float64]
 Particles = tuple[Array, Array, Array, Array]

@@ -12,9 +12,10 @@ from granpipe.field import Box, Field, divergence, flux_from_psi, level_flow
 from granpipe.homogenize.assemble import raw_field, unguided_plug
 from granpipe.homogenize.average import Collector
 from granpipe.homogenize.psi_fit import AXIS, WALL, PsiFit, Weights, node_roles
+from granpipe.pipeline.dump_average import Homogenized
 from granpipe.pipeline.dump_files import write_homogenized
 from granpipe.pipeline.dump_window import Frame, Request
-from granpipe.pipeline.dumps import Homogenized, homogenize_files
+from granpipe.pipeline.dumps import homogenize_files
 
 SIDE, TALL = (0.0, 0.4), (0.0, 0.5)
 PLANE = Box.within(SIDE, (0.0, 0.2), TALL, 0.02, flat=True, cut=False)

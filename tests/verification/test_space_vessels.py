@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fakes.analytic_flow import ConvergingFlow, binary_snapshot, snapshots, table
+from fakes.drawings import revolved_stl
+from scipy.stats import qmc
 
 from granpipe.case.outline import OutlineSpec, Section
 from granpipe.case.reader import load_case
@@ -16,9 +18,10 @@ from granpipe.field import Box, Field, level_flow
 from granpipe.geometry.in_space import inside_space
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.space_field import Faces, Projection
+from granpipe.pipeline.dump_average import Homogenized
 from granpipe.pipeline.dump_files import write_homogenized
 from granpipe.pipeline.dump_window import Frame, Request
-from granpipe.pipeline.dumps import Homogenized, homogenize_files
+from granpipe.pipeline.dumps import Walls, homogenize_files
 
 FLOW = ConvergingFlow(solids_flow=0.01, packing=0.58, peak=0.5)
 RADIUS, CELL = 0.015, 0.045
@@ -139,7 +142,7 @@ def test_files_hold_the_field_in_space(made: Homogenized, tmp_path: Path) -> Non
 def test_what_has_no_place_in_space_is_refused(dumps: tuple[Path, ...]) -> None:
     with pytest.raises(DataError, match=r"homogenize\.fields are told on rings only"):
         averaged(dumps, Frame("xyz", CELL), fields=("age",))
-    with pytest.raises(DataError, match=r"gives the ranges: leave out --x and --z"):
+    with pytest.raises(DataError, match=r"the vessel gives the ranges: leave out --x and --z"):
         averaged(dumps, Frame("xyz", CELL, x=(0.0, 0.1), z=(0.0, 0.5)))
 
 
@@ -148,6 +151,89 @@ def test_the_part_of_each_cell_inside_adds_up_to_the_vessel() -> None:
     grid = Box.within((-0.5, 0.5), (-0.5, 0.5), (0.0, 1.0), 0.04, flat=False, cut=True)
     volume = inside_space(outline, grid).sum() * float(np.prod(grid._steps))
     assert volume == pytest.approx(outline.volume(), rel=2e-3)
+
+
+# --- walls from triangles ---------------------------------------------------------------------------------------------
+
+
+def test_a_round_vessel_as_triangles_gives_the_field_that_its_case_gives(
+    made: Homogenized, dumps: tuple[Path, ...], tmp_path: Path
+) -> None:
+    """180 facets; the outline's cells and those of the triangles differ by the chords and by the rays."""
+    z = np.linspace(FLOW.height, 0, 60)
+    profile = np.column_stack([SHARE * FLOW.wall(z)[0] + RADIUS, z]) * 1000
+    stl = revolved_stl(tmp_path / "vessel.stl", profile, facets=180)
+    request = Request(dumps=dumps, frame=Frame("xyz", CELL), time_step=8e-4)
+    own = homogenize_files(request, None, Walls((stl,), 1e-3))
+    assert own.field.grid.shape == made.field.grid.shape
+    assert own.field.bulk_packing == pytest.approx(made.field.bulk_packing, rel=0.01)
+    difference = own.field.flux_z - made.field.flux_z
+    assert np.sqrt((difference**2).sum() / (made.field.flux_z**2).sum()) < 0.03
+    assert np.abs(balance(own.field)).max() < 1e-12 * SOLIDS_FLOW
+    assert own.figures["outlets"][0]["share"] == pytest.approx(1)
+
+
+@pytest.fixture(scope="module")
+def ducts(tmp_path_factory: pytest.TempPathFactory) -> tuple[tuple[Path, ...], Path]:
+    """Dumps of two square ducts side by side, in which solids sink at 30 and 20 mm/s, and their walls."""
+    folder = tmp_path_factory.mktemp("ducts")
+    box, paths = np.array([[-0.1, 0.6], [-0.1, 0.3], [-0.5, 2.0]]), []
+    side, radius, rng = 0.2, 0.01, np.random.default_rng(4)
+    number = int(0.58 * (side - 2 * radius) ** 2 * 2.0 / (4 / 3 * np.pi * radius**3))
+    draws = qmc.Halton(3, rng=rng).random(2 * number)
+    place = draws * [side - 2 * radius, side - 2 * radius, 2.0] + [radius, radius, -0.5]
+    place[number:, 0] += 0.25
+    speed = np.where(np.arange(2 * number) < number, 0.03, 0.02)
+    velocity = np.column_stack([0 * speed, 0 * speed, -speed])
+    for k in range(16):
+        now = place + velocity * 0.5 * k
+        values = table(np.arange(1, 2 * number + 1), now, velocity, np.full(2 * number, radius))
+        inner = (now[:, 2] > -0.05) & (now[:, 2] < 0.65)
+        paths.append(folder / f"{1000 * k}.bin")
+        paths[-1].write_bytes(binary_snapshot(1000 * k, box, values[inner]))
+    square = ((0, 0), (1, 0), (1, 1), (0, 1))
+    corners = [(x0 + dx * side, dy * side, z) for x0 in (0.0, 0.25) for z in (0.0, 0.6) for dx, dy in square]
+    faces = []
+    for first in (0, 8):
+        for a, b in ((0, 1), (1, 2), (2, 3), (3, 0)):
+            faces += [(first + a, first + b, first + 4 + b), (first + a, first + 4 + b, first + 4 + a)]
+    walls = folder / "ducts.obj"
+    walls.write_text(
+        "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
+        + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces)
+    )
+    return tuple(paths), walls
+
+
+def test_two_outlets_share_the_flow_as_the_solids_sink(ducts: tuple[tuple[Path, ...], Path]) -> None:
+    """60 : 40, from speeds of 30 and 20 mm/s in ducts of equal width; each level and each duct carries its flow."""
+    paths, walls = ducts
+    made = homogenize_files(Request(dumps=paths, frame=Frame("xyz", 0.025), time_step=5e-4), None, Walls((walls,), 1.0))
+    left, right = sorted(made.figures["outlets"], key=lambda one: one["x_m"])
+    assert left["share"] + right["share"] == pytest.approx(1, abs=1e-12)
+    assert left["share"] == pytest.approx(0.6, abs=max(0.01, 3 * left["share_se"]))
+    assert left["area_m2"] == pytest.approx(0.04)
+    flow = -made.field.flux_z * made.field.grid.ring_area
+    in_left = flow[:, :, made.field.grid.r_centres < 0.225].sum(axis=(1, 2))
+    assert in_left == pytest.approx(in_left[0], rel=1e-10)
+    assert any("60." in note or "59." in note for note in made.notes)
+
+
+def test_walls_need_space_and_no_case(dumps: tuple[Path, ...], tmp_path: Path) -> None:
+    for frame, case in ((Frame("rz", CELL), None), (Frame("xyz", CELL), vessel())):
+        with pytest.raises(DataError, match="--walls are those of a vessel in space: give --plane xyz, and leave out"):
+            homogenize_files(Request(dumps=dumps, frame=frame, time_step=8e-4), case, Walls((tmp_path / "a.stl",), 1.0))
+    with pytest.raises(DataError, match=r"a\.stl: no triangles can be read"):
+        homogenize_files(
+            Request(dumps=dumps, frame=Frame("xyz", CELL), time_step=8e-4), None, Walls((tmp_path / "a.stl",), 1.0)
+        )
+
+
+def test_walls_in_another_unit_hold_none_of_the_solids(dumps: tuple[Path, ...], tmp_path: Path) -> None:
+    z = np.array([FLOW.height, 0.0])
+    stl = revolved_stl(tmp_path / "vessel.stl", np.column_stack([[500.0, 500.0], 1000 * z]), facets=24)
+    with pytest.raises(DataError, match=r"memory|outside"):
+        homogenize_files(Request(dumps=dumps, frame=Frame("xyz", CELL), time_step=8e-4), None, Walls((stl,), 1.0))
 
 
 # --- the projection -----------------------------------------------------------------------------------------------
