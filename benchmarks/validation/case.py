@@ -34,6 +34,11 @@ class Verdict:
     passed: bool | None
     cause: str = ""
 
+    def __post_init__(self) -> None:
+        """Truth values of numpy become those of Python, which are counted by identity."""
+        if self.passed is not None:
+            object.__setattr__(self, "passed", bool(self.passed))
+
     @property
     def word(self) -> str:
         """The verdict as the page says it."""

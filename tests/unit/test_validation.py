@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from validation import beverloo, dosta, error_bars, hoppers, janssen, lammps, monte_carlo, pebble_bed, repose
+from validation.case import Verdict
 from validation.page import lines
 from validation.suite import CASES, results_of
 
@@ -185,3 +186,10 @@ def test_lammps_gets_the_numbers_of_the_case(tmp_path: Path) -> None:
     assert all(f"hertz/material {stiff} 0.4 0.2 " in line and " 0.2 damping" in line for line in walls)
     assert "region cone cone z 0 0 0.02 0.11 0.001 0.091 open 1 open 2" in lines
     assert f"run {round(0.1 / plan.dem.time_step)}" in lines
+
+
+def test_verdicts_of_numpy_are_counted() -> None:
+    """np.False_ is not False: it must not count among what holds."""
+    assert Verdict("q", "1", "2", np.bool_(False)).passed is False
+    assert Verdict("q", "1", "1", np.bool_(True)).passed is True
+    assert Verdict("q", "1", "1 ± 9", None).passed is None
