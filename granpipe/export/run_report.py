@@ -318,6 +318,13 @@ def _pictures(folder: Path, plan: Data | None, provenance: Data) -> Iterator[Sec
         if plan is not None and plan["model"] == "hybrid":
             text.append("Where the fluid flows alone, no standard error is known: it is drawn as 0.")
         yield Section("The flow", text, shown, narrow=True)
+    if (path := folder / "space_w.png").exists():
+        caption = (
+            f"Vertical velocity on two upright cuts through the middle and on three levels, {scale}. Grey: no solids."
+        )
+        yield Section(
+            "The flow", figures=[Picture(path, caption, "Vertical velocity on five cuts through the vessel.")]
+        )
     vessels = sorted(folder.glob("vessel*.png"))
     if vessels:
         caption = (

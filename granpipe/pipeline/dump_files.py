@@ -20,8 +20,7 @@ from granpipe.system.publish import publishing_new
 def write_homogenized(made: Homogenized, case: Case | None, folder: Path) -> None:
     """Write ``field.npz``, ``provenance.json`` with all that was measured, and the files that the case asks for.
 
-    Without a case that is one for ParaView and, but for rings, text files for COMSOL. Pictures, but for a field in
-    space, and ``report.html``.
+    Without a case that is one for ParaView and, but for rings, text files for COMSOL. Pictures, and ``report.html``.
 
     Raises
     ------
@@ -84,7 +83,10 @@ def _write_plane(field: Field, case: Case | None, folder: Path) -> None:
 def _write_space(field: Field, folder: Path) -> None:
     """Write the files of a field in space."""
     from granpipe.export.space import write_text, write_vtr
+    from granpipe.export.space_pictures import space_figure
 
+    (folder / "figures").mkdir()
+    space_figure(field, "flow in space, averaged from dumps", folder / "figures" / "space_w.png")
     write_vtr(field, folder / "field.vtr")
     (folder / "comsol").mkdir()
     write_text(field, folder / "comsol", name="homogenized", date=datetime.now().astimezone())

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from fakes.analytic_flow import ConvergingFlow, binary_snapshot, snapshots, table
 from fakes.drawings import revolved_stl
+from matplotlib.image import imread
 from scipy.stats import qmc
 
 from granpipe.case.outline import OutlineSpec, Section
@@ -137,6 +138,9 @@ def test_files_hold_the_field_in_space(made: Homogenized, tmp_path: Path) -> Non
     loaded = Field.load(tmp_path / "out" / "field.npz")
     assert np.array_equal(loaded.flux_z, made.field.flux_z)
     assert (tmp_path / "out" / "field.vtr").is_file()
+    picture = imread(tmp_path / "out" / "figures" / "space_w.png")[..., :3]
+    assert len(np.unique(picture.reshape(-1, 3).round(2), axis=0)) > 100
+    assert "on five cuts through the vessel" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_what_has_no_place_in_space_is_refused(dumps: tuple[Path, ...]) -> None:
