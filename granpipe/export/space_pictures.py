@@ -14,6 +14,7 @@ from granpipe.system.surroundings import own_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
 
 LEVELS = (0.85, 0.5, 0.15)
 """Of the height: where the level cuts lie."""
@@ -54,7 +55,7 @@ def space_figure(field: Field, title: str, path: Path) -> None:
         figure.savefig(path, dpi=DPI)
 
 
-def _draw(axis: Axes, values: Array, across: Array, up: Array, limits: tuple[float, float]) -> object:
+def _draw(axis: Axes, values: Array, across: Array, up: Array, limits: tuple[float, float]) -> QuadMesh:
     axis.set_aspect("equal")
     axis.set_facecolor("0.93")
     return axis.pcolormesh(across, up, values, vmin=limits[0], vmax=limits[1], cmap="viridis", rasterized=True)
