@@ -18,11 +18,7 @@ from granpipe.field import Box, Field, divergence, level_flow
 pytestmark = pytest.mark.liggghts
 
 CASE = Path(__file__).parents[2] / "cases" / "slot_hopper.yaml"
-SMALL = {"dem.thickness": "20 mm", "dem.ranks": "1", "figures": "[]", "outline.sections": "{}"}
-WALLS = {
-    "outline.left": "[[-20, 60], [-20, 45], [-15, 10], [-15, 0]]",
-    "outline.right": "[[35, 60], [35, 40], [15, 10], [15, 0]]",
-}
+SMALL = {"dem.thickness": "20 mm", "dem.ranks": "1", "figures": "[]"}
 
 
 def provenance(folder: Path) -> dict[str, Any]:
@@ -34,7 +30,7 @@ def provenance(folder: Path) -> dict[str, Any]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of a slice four particles thick."""
     folder = tmp_path_factory.mktemp("plane")
-    changes = SMALL | WALLS | {
+    changes = SMALL | {
         "dem.max_time": "0.7 s", "dem.keep_snapshots": "thinned", "homogenize.start": "0.2 s",
     }  # fmt: skip
     return run(read_case(CASE, changes), folder)[0].folder
@@ -69,7 +65,7 @@ def test_no_wall_layer_is_seen_at_the_periodic_faces(made: Path) -> None:
 @pytest.mark.slow
 def test_discharge_is_that_of_the_stated_depth(tmp_path: Path) -> None:
     """1.03 ρ_b √g L (w − 1.4 d)^1.5 within a quarter for so short a run of so narrow a slot, L = 1 m."""
-    changes = SMALL | WALLS | {
+    changes = SMALL | {
         "dem.outlet": "open", "dem.max_time": "0.35 s", "homogenize.cell": "2.5 mm", "homogenize.start": "0.15 s",
         "export": "[]",
     }  # fmt: skip
