@@ -24,6 +24,7 @@ RADIUS, LIP, STRAIGHT = 0.100, 1e-3, 0.03  # of the cylinder; height of the rim 
 ORIFICES = (40, 60)  # diameter [mm]
 SECONDS, START = 0.6, 0.2
 TOLERANCE = 0.05
+SNAPSHOTS = 60
 
 
 def text(orifice: int) -> str:
@@ -73,11 +74,14 @@ def lammps(folder: Path, orifice: int) -> Data:
     work.mkdir()
     bed = read_snapshot(production.settled / "settled.bin", OWN_COLUMNS)
     (work / "bed.data").write_text(bed_data(bed, DENSITY))
-    (work / "in.lammps").write_text(deck(plan, walls(plan, orifice), SECONDS, lost="ignore"))
+    every = round(SECONDS / plan.dem.time_step / SNAPSHOTS)
+    (work / "in.lammps").write_text(deck(plan, walls(plan, orifice), SECONDS, every=every, lost="ignore"))
     run_lammps(work)
     dumps = sorted(work.glob("dump.*.txt"), key=first_step)
     times = [first_step(path) * plan.dem.time_step for path in dumps]
     above = [mass_above(path) for path in dumps]
+    for path in dumps:
+        path.unlink()
     return {"orifice": orifice, "particles": len(bed), "times": rounded(times), "above": rounded(above, 7)}
 
 

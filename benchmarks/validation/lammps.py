@@ -34,12 +34,13 @@ def bed_data(bed: Snapshot, density: float) -> str:
     return "\n".join([*lines, ""])
 
 
-def deck(plan: Plan, walls: Mapping[str, str], seconds: float, *, lost: str = "error") -> str:
+def deck(plan: Plan, walls: Mapping[str, str], seconds: float, *, every: int, lost: str = "error") -> str:
     """The deck of a run from `bed.data`.
 
     Parameters
     ----------
     walls : region of each, in LAMMPS' words, by name; the variable v_sunk is how far the plate has sunk
+    every : steps from one snapshot to the next
     lost : what becomes of particles that leave the box: error or ignore
     """
     settings, contact = plan.dem, plan.case.contact
@@ -76,7 +77,7 @@ def deck(plan: Plan, walls: Mapping[str, str], seconds: float, *, lost: str = "e
     for name, region in walls.items():
         lines += [f"region {name} {region}", f"fix {name} all wall/gran/region granular {on_wall} region {name}"]
     lines += [
-        f"dump all all custom {settings.dump_every} dump.*.txt id type x y z vx vy vz radius",
+        f"dump all all custom {every} dump.*.txt id type x y z vx vy vz radius",
         "dump_modify all format float %.9g",
         "thermo 2000",
         f"thermo_modify lost {lost}",

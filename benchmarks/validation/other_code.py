@@ -90,7 +90,7 @@ def lammps(folder: Path) -> Data:
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir()
     (work / "bed.data").write_text(bed_data(bed, DENSITY))
-    (work / "in.lammps").write_text(deck(plan, walls(plan), SECONDS))
+    (work / "in.lammps").write_text(deck(plan, walls(plan), SECONDS, every=plan.dem.dump_every))
     seconds = run_lammps(work)
     steps = round(SECONDS / plan.dem.time_step)
     homogenize(sorted(work.glob("dump.*.txt"), key=first_step), plan, folder, "lammps")

@@ -33,6 +33,7 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     yield "Made by `make validation`; `PYTHONPATH=benchmarks python -m validation page` makes it again from the results"
     yield "in `benchmarks/references/validation` without a run. granpipe is compared with what others have measured,"
     yield "published or programmed. Each criterion was stated before the run or says that it was not; failures stay."
+    yield "`make validation` may be stopped at any time: finished runs are kept, others go on from their last segment."
     yield ""
     yield f"{len(every)} comparisons: {len(every) - failed - open_} hold, {failed} fail, {open_} are not resolved."
     yield ""

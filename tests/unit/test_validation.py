@@ -176,7 +176,7 @@ def test_the_rate_of_a_bed_that_empties_steadily() -> None:
 def test_lammps_gets_the_numbers_of_the_case(tmp_path: Path) -> None:
     (tmp_path / "silo.yaml").write_text(dosta.text(40))
     plan = make_plan(read_case(tmp_path / "silo.yaml").case, 1)
-    lines = lammps.deck(plan, dosta.walls(plan, 40), 0.1, lost="ignore").splitlines()
+    lines = lammps.deck(plan, dosta.walls(plan, 40), 0.1, every=50, lost="ignore").splitlines()
     stiff = f"{plan.dem.youngs_modulus:g}"
     pair = next(line for line in lines if line.startswith("pair_coeff"))
     assert pair.startswith(f"pair_coeff * * hertz/material {stiff} 0.5 0.2 tangential mindlin NULL ")
@@ -185,6 +185,7 @@ def test_lammps_gets_the_numbers_of_the_case(tmp_path: Path) -> None:
     assert len(walls) == 3
     assert all(f"hertz/material {stiff} 0.4 0.2 " in line and " 0.2 damping" in line for line in walls)
     assert "region cone cone z 0 0 0.02 0.11 0.001 0.091 open 1 open 2" in lines
+    assert any(line.startswith("dump all all custom 50 ") for line in lines)
     assert f"run {round(0.1 / plan.dem.time_step)}" in lines
 
 
