@@ -40,7 +40,7 @@ SECONDS, START = 2.2, 0.4
 THICKNESSES = (4, 8, 12)
 """Of the slice, in particle diameters."""
 
-SLOTS = (6, 8, 10)
+SLOTS = (6, 7, 8)
 """Widths, in particle diameters."""
 
 BOX = "box"
@@ -111,8 +111,8 @@ material: {{density: 2500 kg/m^3, size: {{diameter: 5 mm}}}}
 contact: {{friction: 0.5, rolling_friction: 0.1}}
 flow_rate: 1 kg/s
 model: dem
-dem: {{outlet: open, max_time: 0.8 s, ranks: 1}}
-homogenize: {{start: 0.25 s, cell: 2.5 mm}}
+dem: {{outlet: open, max_time: 0.6 s, ranks: 1}}
+homogenize: {{start: 0.2 s, cell: 2.5 mm}}
 export: []
 figures: []
 """

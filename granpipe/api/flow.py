@@ -200,7 +200,7 @@ class Flow:
             from matplotlib import pyplot
 
             axes = pyplot.subplots(layout="constrained")[1]
-        draw_panel(axes, self.stored, what, *self._vessel)
+        draw_panel(axes, self.stored, what, *self._vessel, left=self._left)
         return axes
 
     def to_xarray(self) -> xarray.Dataset:
@@ -260,9 +260,13 @@ class Flow:
         from granpipe.export.pictures import overview
 
         stream = BytesIO()
-        left = None if self.outline is None else self.outline.left_wall
-        overview(self.stored, *self._vessel, left=left).savefig(stream, format="png", dpi=80)
+        overview(self.stored, *self._vessel, left=self._left).savefig(stream, format="png", dpi=80)
         return stream.getvalue()
+
+    @property
+    def _left(self) -> list[tuple[float, float]] | None:
+        """The left wall of a slab."""
+        return None if self.outline is None else self.outline.left_wall
 
     @property
     def _vessel(self) -> tuple[Any, Mapping[str, Any]]:

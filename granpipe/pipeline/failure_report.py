@@ -97,7 +97,8 @@ def _raw_average(folder: Path, story: Story) -> None:
         field = replace(raw_field(sums, inside, plug, plan.dem.classes.sauter_diameter), psi=None)
         obstacles = {name: polygon.tolist() for name, polygon in outline.obstacles.items()}
         title = f"{plan.case.name}: plain average, at the scale of the simulation"
-        figure = overview(field, outline.wall.tolist(), obstacles, plan.case.outline.levels, title)
+        levels = plan.case.outline.levels
+        figure = overview(field, outline.wall.tolist(), obstacles, levels, title, outline.left_wall)
     except DataError:
         return
     stamp: dict[str, Any] = {
