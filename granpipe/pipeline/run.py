@@ -66,12 +66,23 @@ def run_case(
     RunError : it is not, or a program failed
     """
     begun = time.monotonic()
+    for path in filter(None, (file.path, results)):
+        _require_text(path)
     folder, store, cores = results / file.case.name, store or Store(results / ".store"), usable_cores()
     plan = plan_case(file, cores)
     require_memory()
     require_style()
     with store.in_use(), _alone(folder, store):
         return _run(file, plan, folder, Context(store, _versions(file, plan, store), progress, cores), begun, agreed)
+
+
+def _require_text(path: Path) -> None:
+    """RunError for a path that is no text: it could not stand in records, and gmsh could not open it."""
+    try:
+        os.path.abspath(path).encode()  # noqa: PTH100  # what a link is called does not matter
+    except UnicodeEncodeError:
+        shown = os.fsencode(path).decode(errors="replace")
+        raise RunError(f"{shown}: its path is not UTF-8 text; rename it") from None
 
 
 def _alone(folder: Path, store: Store) -> AbstractContextManager[None]:

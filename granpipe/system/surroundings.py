@@ -92,7 +92,10 @@ def cache_folder() -> Path:
 
 def can_be_written(folder: Path) -> bool:
     """Whether files can be put into a folder, which may have to be made."""
-    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    try:
+        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    except OSError:  # a folder above it may not be looked into, or the present one is gone
+        return False
     return there.is_dir() and os.access(there, os.W_OK)
 
 

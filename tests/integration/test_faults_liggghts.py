@@ -5,8 +5,11 @@ from __future__ import annotations
 import contextlib
 import os
 import random
+import re
 import shutil
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -139,6 +142,27 @@ def test_free_discharge_resumes_with_its_balance(tiny: Path, tmp_path: Path) -> 
     _, stages = run(read_case(tiny), results)
     assert any(stage.startswith("produce: continues after segment") for stage in stages)
     assert len(segments(results)) == make_plan(read_case(tiny).case).dem.segments
+
+
+@pytest.mark.parametrize(
+    ("second", "words"),
+    [("run", r"another granpipe \(process \d+ on .*\) is running tiny"), ("clean", "a run uses this store")],
+)
+def test_during_a_run_a_second_one_and_a_clean_are_refused_and_touch_nothing(
+    tiny: Path, tmp_path: Path, second: str, words: str
+) -> None:
+    results = tmp_path / "results"
+    first = start(tiny, results)
+    wait_for(".store/produce-*/segment-00002", results)
+    command = [second, *([str(tiny)] if second == "run" else []), "--results", str(results)]
+    refused = subprocess.run([sys.executable, "-m", "granpipe", *command], capture_output=True, text=True, check=False)
+    assert first.poll() is None, "it was over before: make it longer"
+    assert (refused.returncode, bool(re.search(words, refused.stderr))) == (3, True), refused.stderr
+    _, said = first.communicate(timeout=60)
+    assert first.returncode in (0, 4), said
+    assert len(segments(results)) == make_plan(read_case(tiny).case).dem.segments
+    _, stages = run(read_case(tiny), results)
+    assert stages == []  # the results are whole: nothing is left to do
 
 
 # --- LIGGGHTS' own ways to fail --------------------------------------------------------------------------------------
