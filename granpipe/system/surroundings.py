@@ -47,16 +47,19 @@ class Lossy:
 
     @contextlib.contextmanager
     def _told(self) -> Iterator[None]:
-        """Other errors are raised once, with the name of the stream; what is written afterwards is lost."""
+        """Other errors name the stream; what Python still holds of it at the end is lost, and not told once more."""
         try:
             yield
         except self._lost:
             pass
         except OSError as error:
             error.filename = self._stream.name
-            with contextlib.suppress(OSError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+            atexit.register(self._silence)
             raise
+
+    def _silence(self) -> None:
+        with contextlib.suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)

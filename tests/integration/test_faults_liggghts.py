@@ -147,6 +147,7 @@ def test_free_discharge_resumes_with_its_balance(tiny: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("second", "words"),
     [("run", r"another granpipe \(process \d+ on .*\) is running tiny"), ("clean", "a run uses this store")],
+    ids=["run", "clean"],
 )
 def test_during_a_run_a_second_one_and_a_clean_are_refused_and_touch_nothing(
     tiny: Path, tmp_path: Path, second: str, words: str

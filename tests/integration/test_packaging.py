@@ -174,7 +174,7 @@ def test_the_metadata_say_what_an_index_and_pip_ask_for(tree: Path, tmp_path: Pa
     with zipfile.ZipFile(wheel) as archive:
         names = archive.namelist()
         (points,) = (archive.read(name).decode() for name in names if name.endswith("entry_points.txt"))
-    assert points.split() == ["[console_scripts]", "granpipe", "=", "granpipe.cli:main"]
+    assert points.split() == ["[console_scripts]", "granpipe", "=", "granpipe.__main__:start"]
     assert {"granpipe/py.typed", "granpipe/fluid/wall_factor.json", "granpipe/fluid/bulk_friction.json"} <= set(names)
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from granpipe.system.surroundings import can_be_written
 
 HOPPER = Path(__file__).parents[2] / "cases" / "hopper.yaml"
 COMMAND = [sys.executable, "-m", "granpipe"]
@@ -48,6 +51,13 @@ def test_a_run_is_done(tmp_path: Path, command: str, environment: dict[str, str]
     assert_done(tmp_path)
 
 
+def test_a_result_that_does_not_get_through_is_told(tmp_path: Path) -> None:
+    done = in_shell('"$@" > /dev/full', tmp_path)
+    assert (done.returncode, "Traceback" in done.stderr) == (3, False), done.stderr
+    assert "<stdout>: No space left on device" in done.stderr
+    assert_done(tmp_path)
+
+
 def test_a_lost_reader_does_not_hide_a_failed_gate(tmp_path: Path) -> None:
     command = '{ "$@" --set fluid.order=2 --set name=/bad; echo $? > status; } 2>&1 | true; exit $(cat status)'
     assert in_shell(command, tmp_path).returncode == 2
@@ -81,6 +91,8 @@ def test_calibrate_is_refused_before_it_measures(tmp_path: Path) -> None:
     [
         ('ulimit -v 400000; "$@"', "the limit on address space is 410 MB"),
         ('PATH=/nowhere; "$@" --set model=dem', "liggghts is not installed"),
+        ("printf 'font.size: \\xff' > matplotlibrc; \"$@\"", "matplotlibrc: not UTF-8 text"),
+        ("\"$@\" --results $'\\xff'", "its path is not UTF-8 text; rename it"),
     ],
 )
 def test_what_a_run_lacks_is_told_before_the_work(command: str, told: str, tmp_path: Path) -> None:
@@ -88,3 +100,29 @@ def test_what_a_run_lacks_is_told_before_the_work(command: str, told: str, tmp_p
     assert (done.returncode, told in done.stderr) == (3, True), done.stderr
     assert "fluid" not in done.stderr
     assert "walls" not in done.stderr
+
+
+def test_an_interrupt_while_python_imports_leaves_no_traceback(tmp_path: Path) -> None:
+    (tmp_path / "click.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    search = os.pathsep.join([str(tmp_path), str(HOPPER.parents[1])])
+    done = subprocess.run(
+        [*COMMAND, "--version"], env=os.environ | {"PYTHONPATH": search}, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+
+
+def test_nothing_is_imported_from_the_folder_that_granpipe_works_in(tmp_path: Path) -> None:
+    """A gmsh.py of the user's once ran in the place of the library, and was missed by `granpipe doctor`."""
+    (tmp_path / "gmsh.py").write_text("open('ran', 'w')")
+    script = "import subprocess, sys; from granpipe.system.programs import python_environment as own; "
+    script += "subprocess.run([sys.executable, '-c', 'import gmsh; gmsh.__version__'], env=own(), check=True)"
+    subprocess.run([sys.executable, "-P", "-c", script], cwd=tmp_path, check=True, capture_output=True)
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_home_that_may_not_be_read_holds_no_caches(monkeypatch: pytest.MonkeyPatch) -> None:
+    def denied(self: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "exists", denied)
+    assert not can_be_written(Path("/home/me/.cache"))

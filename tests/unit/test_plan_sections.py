@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 
-from granpipe.case.reader import resolve
+from granpipe.case.reader import read_case, resolve
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import parse_yaml
 from granpipe.errors import CaseError
@@ -190,6 +191,15 @@ def test_a_fluid_without_bulk_density_is_refused(model: str, rate: str) -> None:
     assert refusal.value.key == ("material", "bulk_density")
     dem = {"model": "dem", "dem__max_time": "100 s"}
     assert plan_of("[[90, 400], [90, 0]]", bulk="internal_friction_angle: 35 deg", flow_rate=rate, **dem).runs
+
+
+@pytest.mark.parametrize("name", ["reactor", "reactor_hybrid", "reactor_paper"])
+def test_the_reactors_whose_bulk_density_is_not_known_are_no_fluids(name: str) -> None:
+    """The article does not tell it; a hybrid measures the packing where it simulates particles."""
+    path = Path(__file__).parents[2] / "cases" / f"{name}.yaml"
+    with pytest.raises(CaseError, match="give the bulk density, or set model: dem"):
+        make_plan(read_case(path, {"model": "fluid"}).case)
+    assert make_plan(read_case(path, {"model": "hybrid"}).case).runs
 
 
 def orifice(model: str, rate: str, diameter: str = "6 mm") -> Plan:
