@@ -44,7 +44,9 @@ class Case(Group):
     _origin: Any = PrivateAttr(default=None)  # of a case that is handed about alone: see `reader.file_of`
 
     name: Annotated[str, Name()] = Field(description="Name of the case; results go to a folder of this name.")
-    outline: OutlineSpec = Field(description="The vessel's inside: half of its section through the axis.")
+    outline: OutlineSpec = Field(
+        description="The vessel's inside: half of its section through the axis, or the section of a slab."
+    )
     material: Material = Field(description="The granular material.")
     contact: Contact = Field(
         default_factory=Contact,

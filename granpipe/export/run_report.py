@@ -328,7 +328,7 @@ def _pictures(folder: Path, plan: Data | None, provenance: Data) -> Iterator[Sec
     vessels = sorted(folder.glob("vessel*.png"))
     if vessels:
         caption = (
-            "Particles behind the cut through the axis at the end of the simulation, by vertical velocity, scaled to "
+            "Particles behind the cut at the end of the simulation, by vertical velocity, scaled to "
             "the flow rate of the process, and by radius. Red lines: inlet and outlet of your vessel, or of the "
             "part of it that was simulated; feeder above and room for the plate below belong to the simulation alone. "
             "Particles that fall in the feeder are off the scale."
@@ -430,7 +430,12 @@ def _not_fit(plan: Data | None, provenance: Data) -> Iterator[Section]:
         limits.append(
             "Motion of single particles, mixing by their random motion, segregation: the field is an average."
         )
-        limits.append("Flow that differs round the axis: the field is the average over the full turn.")
+        limits.append(
+            "Flow that differs along the depth, and front and back walls: the field is that of a slab which is alike "
+            "all along it."
+            if "depth_m" in provenance.get("field", {})
+            else "Flow that differs round the axis: the field is the average over the full turn."
+        )
     else:
         limits.append("Stagnant zones and free surfaces: a fluid fills the vessel and moves everywhere.")
     voids = sum(one["void_m2"] for one in provenance.get("field", {}).get("sections", {}).values())
