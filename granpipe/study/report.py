@@ -25,7 +25,7 @@ from granpipe.study.budget import TOLERANCES, Advice, ErrorBound, Option, advise
 from granpipe.study.chart import draw_curves, draw_effects, draw_options
 from granpipe.study.findings import AxisFit, Effect, Findings
 from granpipe.study.fluid import Solve
-from granpipe.study.uncertainty import COVERAGE
+from granpipe.study.uncertainty import COVERAGE, Part
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.status import PointStatus
 from granpipe.sweep.table import Row, write_csv
@@ -292,13 +292,13 @@ def _uncertainty(found: Findings) -> Section:
     """The uncertainty of the case itself, as engineers report it."""
     whole, sections = found.uncertainty["whole"], list(found.uncertainty)
 
-    def row(name: str, kind: str, values: Sequence[float | None], basis: str) -> tuple[str, ...]:
-        return (name, kind, *("" if value is None else percent(value) for value in values), basis)
+    def row(name: str, kind: str, values: Sequence[float], basis: str) -> tuple[str, ...]:
+        return (name, kind, *map(percent, values), basis)
 
     rows = []
     for at, part in enumerate(whole.parts):
-        values = [found.uncertainty[section].parts[at].standard for section in sections]
-        rows.append(row(part.name, part.kind, values, part.basis))
+        figures = [_figure(found.uncertainty[section].parts[at]) for section in sections]
+        rows.append((part.name, part.kind, *figures, part.basis))
     for name, kinds, basis in (
         ("u_num", ("statistical", "numerical"), "√ of the sum of squares"),
         ("u_input", ("input",), "the same, inputs independent of each other"),
@@ -313,11 +313,20 @@ def _uncertainty(found: Findings) -> Section:
         "error is not among them: it is seen only against a measurement, as E = S − D with u_val = √(u_num² + u_input² "
         "+ u_D²) (ASME V&V 20); u_D, the measurement's, is not known here."
     ]
+    if any(part.bound for one in found.uncertainty.values() for part in one.parts):
+        text.append("≤: noise hides the difference of the runs; its 95 % bound stands in its place, in the sums, too.")
     if whole.missing:
         text.append(f"Not determined, and not in the sums: {', '.join(whole.missing)}.")
     if not any(part.kind == "input" for part in whole.parts):
         text.append("Inputs are taken as exact: --inputs contact.friction=0.6..0.8 gives u_input.")
     return Section("Uncertainty", text, head=("source", "kind", *sections, "from"), rows=rows)
+
+
+def _figure(part: Part) -> str:
+    """The standard uncertainty of one part, as the table has it."""
+    if part.standard is None:
+        return ""
+    return f"≤ {percent(part.standard)}" if part.bound else percent(part.standard)
 
 
 def _axis_fit_text(fit: AxisFit) -> str:

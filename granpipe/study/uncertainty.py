@@ -30,12 +30,14 @@ class Part:
     kind : statistical, numerical or input
     standard : standard uncertainty u, relative to the field; None where it was not determined
     basis : where the figure comes from
+    bound : whether u is an upper bound, because noise hides the difference that it comes from
     """
 
     name: str
     kind: str
     standard: float | None
     basis: str
+    bound: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,11 +72,12 @@ def input_part(key: str, ends: Sequence[str], apart: ErrorBound | None) -> Part:
 
     The noise of both runs is taken off; where nothing is left of it, its 95 % bound stands.
     """
-    standard = None
-    basis = f"{ends[0]} to {ends[1]}, any value alike; linear between runs at both ends"
     if apart is None:
-        basis = "a run at an end of its range is missing"
-    else:
-        standard = RANGE_SHARE * (apart.value if apart.resolved else apart.upper)
-        basis += "" if apart.resolved else "; not resolved, the bound of the difference stands"
-    return Part(key, "input", standard, basis)
+        return Part(key, "input", None, "a run at an end of its range is missing")
+    return Part(
+        key,
+        "input",
+        RANGE_SHARE * (apart.value if apart.resolved else apart.upper),
+        f"{ends[0]} to {ends[1]}, any value alike; linear between runs at both ends",
+        bound=not apart.resolved,
+    )

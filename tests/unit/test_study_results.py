@@ -13,10 +13,11 @@ from granpipe.errors import DataError
 from granpipe.field import Field, flux_from_psi
 from granpipe.planning.plan import make_plan
 from granpipe.study.axes import BASE
-from granpipe.study.budget import advise
+from granpipe.study.budget import ErrorBound, advise
 from granpipe.study.findings import Comparison, Findings, StudyPoint
 from granpipe.study.fluid import Solve, fluid_findings
 from granpipe.study.report import study_sections
+from granpipe.study.uncertainty import Uncertainty, input_part, statistical_part
 
 CASES = Path(__file__).parents[2] / "cases"
 CASE = load_case(
@@ -217,3 +218,16 @@ def test_levers_are_told_against_the_case_and_its_time() -> None:
     ((name, times, difference),) = section.rows
     assert (name, times) == (coarse.point, "× 3.00")
     assert difference == str(coarse.from_base["whole"])
+
+
+def test_the_table_of_uncertainty_marks_what_noise_hides_section_by_section() -> None:
+    def parts(*, hidden: bool) -> Uncertainty:
+        apart = ErrorBound(0.01, 0.06) if hidden else ErrorBound(0.05, 0.06)
+        return Uncertainty((statistical_part(0.03), input_part("contact.friction", ("0.2", "0.4"), apart)))
+
+    base = study(0.0).effect(study(0.0).base, {})
+    both = {"whole": parts(hidden=False), "shaft": parts(hidden=True)}
+    found = Findings(BASE, {}, (), (), (base,), (), {}, None, both)
+    (section,) = (one for one in study_sections(found, [], None) if one.title == "Uncertainty")
+    assert section.rows[1][:4] == ("contact.friction", "input", "1.4%", "≤ 1.7%")
+    assert any("≤" in text for text in section.text)
