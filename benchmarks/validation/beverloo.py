@@ -25,6 +25,7 @@ WIDTH, HEIGHT = 2.5, 0.8  # diameter of the silo over that of its outlet; height
 HEIGHTS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)  # levels of the profiles above the floor [d]
 C_RANGE, K_RANGE = (0.55, 0.65), (1.0, 2.0)
 LAW_TOLERANCE = 0.05
+LEAST_RUNS = 4  # of one friction, for a fit
 SPREAD_RANGE = (1.3, 3.5)  # b/d
 STRAIGHT = 0.9  # r² of width² against height
 
@@ -117,7 +118,9 @@ def within(value: float, half: float, low: float, high: float, most: float) -> b
 def judge(data: Data) -> list[Verdict]:
     verdicts = []
     for friction, (ratio, rate) in scaled(data).items():
-        if len(ratio) < 4:
+        if len(ratio) < LEAST_RUNS:
+            text = f"{len(ratio)} of {len(PIECES) // len(FRICTIONS)} silos were run: no fit"
+            verdicts.append(Verdict(f"C and k, μ = {friction:g}", "0.55 to 0.65, 1 to 2", text, None))
             continue
         (c, k), (c_half, k_half) = beverloo(ratio, rate)
         passed = within(c, c_half, *C_RANGE, most=0.1)
@@ -143,7 +146,7 @@ def draw(data: Data, figure: Figure) -> None:
     line = np.linspace(5.5, 12.5)
     for colour, (friction, (ratio, rate)) in zip(("C0", "C1"), scaled(data).items(), strict=True):
         axes.plot(ratio, rate**0.4, "o", color=colour, label=f"granpipe, μ = {friction:g}")
-        if len(ratio) >= 4:
+        if len(ratio) >= LEAST_RUNS:
             (c, k), _ = beverloo(ratio, rate)
             axes.plot(line, c**0.4 * (line - k), color=colour, lw=1, label=f"C = {c:.2f}, k = {k:.2f}")
     axes.fill_between(
@@ -205,6 +208,14 @@ def spreading(one: Mapping[str, object]) -> tuple[float, float, float, int]:
     return line.slope / 4, line.stderr / 4, line.rvalue**2, len(height)
 
 
+NARROW = """
+    *b/d*: the funnels are narrower than the range that was written down. Why is not known. Only heights up to 8 d are
+    seen here, and b is said to grow with height; particles are spheres of nearly one size with a rolling resistance;
+    and the range itself could not be looked up. In slow flow, too, DEM's funnel above a flat bottom is narrow
+    ([frictional fluid](friction_fluid.md)).
+"""
+
+
 def judge_spreading(data: Data) -> list[Verdict]:
     verdicts = []
     for friction in FRICTIONS:
@@ -216,7 +227,8 @@ def judge_spreading(data: Data) -> list[Verdict]:
         error = max(float(found[:, 1].mean()), float(found[:, 0].std(ddof=1)) if len(found) > 1 else 0.0)
         error /= np.sqrt(len(found))
         passed = within(mean, 1.96 * error, *SPREAD_RANGE, most=0.5)
-        verdicts.append(Verdict(f"b/d, μ = {friction:g}", "1.3 to 3.5", f"{mean:.2f} ± {1.96 * error:.2f}", passed))
+        text = f"{mean:.2f} ± {1.96 * error:.2f}"
+        verdicts.append(Verdict(f"b/d, μ = {friction:g}", "1.3 to 3.5", text, passed, NARROW))
         least = float(found[:, 2].min())
         verdicts.append(
             Verdict(
