@@ -211,8 +211,8 @@ def spreading(one: Mapping[str, object]) -> tuple[float, float, float, int]:
 NARROW = """
     *b/d*: the funnels are narrower than the range that was written down. Why is not known. Only heights up to 8 d are
     seen here, and the curves bend upwards: b grows with height, as Choi et al. found; particles are spheres of nearly
-    one size with a rolling resistance; and the range itself could not be looked up. In slow flow, too, DEM's funnel above a flat bottom is narrow
-    ([frictional fluid](friction_fluid.md)).
+    one size with a rolling resistance; and the range itself could not be looked up. In slow flow, too, DEM's funnel
+    above a flat bottom is narrow ([frictional fluid](friction_fluid.md)).
 """
 
 
