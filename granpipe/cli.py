@@ -66,7 +66,7 @@ class _Group(click.Group):
 
 
 _DRAWN = ("overview", "packing", "u", "w", "speed", "streamlines", "error")
-_DRAWN_FIELDS = ("pressure", "shear_rate", "granular_temperature", "coordination", "mixing_index", "age")
+_DRAWN_FIELDS = ("pressure", "shear_rate", "granular_temperature", "coordination", "mixing_index", "age", "sensitivity")
 
 
 class _SweepGroup(click.Group):
@@ -375,8 +375,8 @@ def scale(result: Path, flow: str, out: Path) -> None:
 @click.argument("result", type=_PATH)
 @click.option("--what", default="overview", show_default=True, metavar="NAME",
               type=click.Choice(_DRAWN + _DRAWN_FIELDS),
-              help=f"What to draw on the half section of the vessel: {', '.join(_DRAWN)}; or of homogenize.fields "
-                   f"{', '.join(_DRAWN_FIELDS)}.")  # fmt: skip
+              help=f"What to draw on the half section of the vessel: {', '.join(_DRAWN)}; or what else "
+                   f"the field holds: {', '.join(_DRAWN_FIELDS)}.")  # fmt: skip
 @click.option("--profile", type=_Level(), metavar="z=HEIGHT",
               help="Draw the profile across a level instead, such as z=4.4 or z=440cm.")  # fmt: skip
 @click.option("--out", type=_Picture(), help="PNG file to write; default: named after RESULT, in the current folder.")

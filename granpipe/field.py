@@ -60,6 +60,7 @@ _EXTRA = {
     "rattlers": "zr",
     "mixing_index": "zr",
     "age": "zr",
+    "sensitivity": "zr",
     "class_diameter": "k",
     "class_packing": "kzr",
     "wall_surface": "m",
@@ -70,7 +71,7 @@ _EXTRA = {
     "residence_time": "n",
     "residence_within": "n",
 }
-"""What `homogenize.fields` adds → its sizes, by a letter each: z and r those of the grid, 2 two."""
+"""What `homogenize.fields` and a frictional fluid add → its sizes, a letter each: z and r those of the grid, 2 two."""
 
 FLOW_RATE_POWER = {
     "strain_rr": 1,
@@ -80,6 +81,7 @@ FLOW_RATE_POWER = {
     "shear_rate": 1,
     "granular_temperature": 2,
     "age": -1,
+    "sensitivity": 1,
 }
 """What of it goes with a power of the flow rate, slow flow supposed."""
 
@@ -434,7 +436,7 @@ class Field:
     *_se : standard error of the like-named array [m/s]; nan where it is not known: where a hybrid's fluid is alone
     psi : (nz+1, nr+1) Stokes stream function of the final field [m³/s per radian], −φ_ref Φ/2π on the outer wall
     flux_y : (nz, ny+1, nx) the final field of a grid in space [m/s]
-    extra : what the case asks for beside, by name (`homogenize.fields`)
+    extra : what the case asks for beside (`homogenize.fields`), and the sensitivity of a frictional fluid, by name
     """
 
     grid: Grid

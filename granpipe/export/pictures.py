@@ -414,7 +414,10 @@ def _draw_quantity(
 ) -> None:
     """What stands in the cells on request; white where it is not known."""
     if name not in field.extra:
-        raise DataError(f"this field has no {name}; ask for it in homogenize.fields, and run again")
+        remedy = (
+            "a frictional fluid has one" if name == "sensitivity" else "ask for it in homogenize.fields, and run again"
+        )
+        raise DataError(f"this field has no {name}; {remedy}")
     values = np.where(nodes.cells, at_process_scale(field, name), np.nan)
     values, title = scaled(values)
     known = values[np.isfinite(values)]
@@ -445,8 +448,9 @@ _REQUESTED: dict[str, tuple[str, Callable[[Array], tuple[Array, str]]]] = {
     "coordination": ("viridis", _in_unit("contacts per particle", (("", 1.0),))),
     "mixing_index": ("cividis", _in_unit("mixing index", (("", 1.0),))),
     "age": ("viridis_r", _in_unit("age", (("d", 1 / 86400), ("h", 1 / 3600), ("min", 1 / 60), ("s", 1.0)))),
+    "sensitivity": ("magma_r", _in_unit("sensitivity", UNITS)),
 }
-"""What of a case's request is drawn: colours, and how values are told."""
+"""What of `Field.extra` is drawn: colours, and how values are told."""
 
 
 PANELS: Mapping[str, Callable[[Axes, Field, Nodes, Array], None]] = {

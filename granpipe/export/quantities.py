@@ -35,6 +35,7 @@ QUANTITIES = {
     "rattlers": Quantity("1", "Part of the particles that bears nothing"),
     "mixing_index": Quantity("1", "Mixing index of the sizes"),
     "age": Quantity("s", "Time since the inlet"),
+    "sensitivity": Quantity("m/s", "Change of the bulk velocity with wall friction and surface angle"),
 }
 """Array in `Field.extra` → what it is."""
 

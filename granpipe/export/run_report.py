@@ -55,6 +55,11 @@ PANELS = {
         "Age of the solids",
         "Time since they came in through the inlet. White where no streamline from the inlet comes by.",
     ),
+    "sensitivity": (
+        "Sensitivity",
+        "By how much the bulk velocity changes with 20 % more or less wall friction, and with surfaces 5° flatter or "
+        "steeper. No noise, and not the whole error of the model.",
+    ),
 }
 _SLAB_PANELS = {"u": ("Horizontal velocity", "Bulk velocity along x; red: to the right, blue: to the left.")}
 FILES = {

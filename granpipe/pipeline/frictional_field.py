@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from granpipe.analysis.compare import compare
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import GranpipeError
-from granpipe.field import Array, Field, Mask
+from granpipe.field import Array, Field, Mask, cell_squares
 from granpipe.fluid.fictitious import FluidSolution, to_field
 from granpipe.fluid.friction_law import LENGTH, FrictionLaw
 from granpipe.fluid.frictional import FrictionSolution
@@ -48,7 +48,7 @@ class Solved:
 def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
     """Solve for the flow rate of the case, and again with other wall friction, surfaces and regularization.
 
-    Standard errors of the field are the larger of what either way of the first two changes.
+    `sensitivity` of the field is what the first two change, the larger of either way. It is no noise.
     """
     solved = solve_plan(plan, friction)
     field = solved.field
@@ -63,11 +63,7 @@ def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
     sensitivity = {name: max(_difference(field, one, diameter) for one in found) for name, found in others.items()}
     twice = solve_plan(plan, friction, 2 * FrictionLaw.regularization).field
     dependence = _difference(field, twice, diameter)
-    field = replace(
-        field,
-        flux_r_se=_spread(field.flux_r, [[one.flux_r for one in found] for found in others.values()]),
-        flux_z_se=_spread(field.flux_z, [[one.flux_z for one in found] for found in others.values()]),
-    )
+    field = replace(field, extra={"sensitivity": _changes(field, others.values())})
     narrowest = min(opening.gap for opening in find_openings(plan.outline)) / diameter
     gates = (
         *flow_gates(plan, field, solved.solution),
@@ -165,7 +161,10 @@ def _in_any(polygons: list[Array], plan: Plan) -> Mask:
     return np.asarray(shapely.contains_xy(shapely.union_all([shapely.Polygon(p) for p in polygons]), r, z))
 
 
-def _spread(flux: Array, others: list[list[Array]]) -> Array:
-    """Root of the sum of squares, over what was changed, of the largest change."""
-    largest = [np.max([np.abs(other - flux) for other in found], axis=0) for found in others]
-    return np.asarray(np.sqrt(sum(one**2 for one in largest)))
+def _changes(field: Field, others: Iterable[list[Field]]) -> Array:
+    """(nz, nr) change of the bulk velocity [m/s]: over what was changed, root of the sum of squares of the largest."""
+    largest = [
+        np.max([cell_squares(one.flux_r - field.flux_r, one.flux_z - field.flux_z) for one in found], axis=0)
+        for found in others
+    ]
+    return np.sqrt(np.sum([np.zeros(field.grid.shape), *largest], axis=0)) / field.bulk_packing
