@@ -20,7 +20,7 @@ from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.section import mesh_section
 from granpipe.pipeline.fluid_field import flow_gates, solve_figures
-from granpipe.pipeline.gates import FEWEST_DIAMETERS, REGULARIZATION, TENSION, breach_gates
+from granpipe.pipeline.gates import FEWEST_DIAMETERS, MESH, REGULARIZATION, TENSION, breach_gates
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.bulk_friction import BulkFriction
 from granpipe.planning.flow import target_flow
@@ -30,7 +30,8 @@ from granpipe.rzmesh import RZMesh
 RESERVOIR, PIPE = 1.0, 2.0
 """The vessel goes on straight above its inlet and below its outlet by this many radii, as that of a DEM run does."""
 
-CELLS_ACROSS, CORNER_REFINEMENT = 14.0, 3.0
+CELLS_ACROSS, COARSE_CELLS, CORNER_REFINEMENT = 14.0, 10.0, 3.0
+"""The mesh of the field has 14 cells across; the coarser one tells how much the field depends on it."""
 
 WALL_CHANGE, ANGLE_CHANGE = 0.2, np.radians(5)
 """For the sensitivity: part of the wall friction, and of the angle of surfaces, by which they change both ways."""
@@ -46,7 +47,7 @@ class Solved:
 
 
 def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
-    """Solve for the flow rate of the case, and again with other wall friction, surfaces and regularization.
+    """Solve for the flow rate of the case, and again with other friction, surfaces, regularization and mesh.
 
     `sensitivity` of the field is what the first two change, the larger of either way. It is no noise.
     """
@@ -63,12 +64,14 @@ def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
     sensitivity = {name: max(_difference(field, one, diameter) for one in found) for name, found in others.items()}
     twice = solve_plan(plan, friction, 2 * FrictionLaw.regularization).field
     dependence = _difference(field, twice, diameter)
+    by_mesh = _difference(field, solve_plan(plan, friction, cells_across=COARSE_CELLS).field, diameter)
     field = replace(field, extra={"sensitivity": _changes(field, others.values())})
     narrowest = min(opening.gap for opening in find_openings(plan.outline)) / diameter
     gates = (
         *flow_gates(plan, field, solved.solution),
         TENSION.gate(solved.friction.tension),
         REGULARIZATION.gate(dependence),
+        MESH.gate(by_mesh),
         FEWEST_DIAMETERS.gate(narrowest),
         *breach_gates(plan.breaches),
     )
@@ -77,6 +80,7 @@ def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
         "change_in_last_step": solved.friction.change,
         "sensitivity": sensitivity,
         "regularization": dependence,
+        "mesh": by_mesh,
     }
     notes += [f"{name} changes the field by {value:.1%}" for name, value in sensitivity.items()]
     vessel = _within(solved.solution, plan)
@@ -99,7 +103,12 @@ def _within(solution: FluidSolution, plan: Plan) -> FluidSolution:
     return replace(solution, mesh=mesh, u=solution.u[kept], w=solution.w[kept], psi=solution.psi[kept])
 
 
-def solve_plan(plan: Plan, friction: BulkFriction, regularization: float = FrictionLaw.regularization) -> Solved:
+def solve_plan(
+    plan: Plan,
+    friction: BulkFriction,
+    regularization: float = FrictionLaw.regularization,
+    cells_across: float = CELLS_ACROSS,
+) -> Solved:
     """The fluid of a plan with some friction; what is void is not bulk."""
     case = plan.case
     packing = case.material.packing
@@ -107,14 +116,15 @@ def solve_plan(plan: Plan, friction: BulkFriction, regularization: float = Frict
     classes = size_classes(case.material.size)
     law = FrictionLaw(friction.internal, friction.wall, LENGTH * classes.sauter_diameter, regularization)
     empty = voids(plan.outline, friction.repose)
-    solution, found = solve_frictional(friction_mesh(plan, empty), law, target_flow(case, packing), _outlet(plan))
+    mesh = friction_mesh(plan, empty, cells_across)
+    solution, found = solve_frictional(mesh, law, target_flow(case, packing), _outlet(plan))
     inside = plan.outline.inside_fraction(plan.grid)
     field = to_field(solution, plan.grid, inside, packing)
     field = packed_along_walls(field, from_solids(plan), 2 * classes.radius, classes.mass_share)
     return Solved(replace(field, bulk=field.bulk & ~_in_any(empty, plan)), solution, found)
 
 
-def friction_mesh(plan: Plan, empty: list[Array]) -> RZMesh:
+def friction_mesh(plan: Plan, empty: list[Array], cells_across: float = CELLS_ACROSS) -> RZMesh:
     """Mesh of the vessel without its voids, with a straight pipe above, and below where a plate moves down in one."""
     wall = plan.outline.wall
     (r_in, z_in), (r_out, z_out) = wall[0], wall[-1]
@@ -125,7 +135,7 @@ def friction_mesh(plan: Plan, empty: list[Array]) -> RZMesh:
         longer,
         dict(plan.outline.obstacles) | surfaces,
         plan.case.outline.levels,
-        cells_across=CELLS_ACROSS,
+        cells_across=cells_across,
         corner_refinement=CORNER_REFINEMENT,
         outlet_radii=plan.case.fluid.annulus or (),
     )
@@ -167,4 +177,4 @@ def _changes(field: Field, others: Iterable[list[Field]]) -> Array:
         np.max([cell_squares(one.flux_r - field.flux_r, one.flux_z - field.flux_z) for one in found], axis=0)
         for found in others
     ]
-    return np.sqrt(np.sum([np.zeros(field.grid.shape), *largest], axis=0)) / field.bulk_packing
+    return np.asarray(np.sqrt(np.sum([np.zeros(field.grid.shape), *largest], axis=0)) / field.bulk_packing)

@@ -50,7 +50,7 @@ FLUID_SECONDS = 3.0
 """Meshing and solving for the fictitious fluid, start-up included."""
 
 FRICTION_SECONDS = 20.0
-"""A frictional fluid, solved six times for its sensitivity."""
+"""A frictional fluid, solved up to seven times: itself, and for its sensitivity, regularization and mesh."""
 
 FRICTION_NOTE = (
     "a frictional fluid knows no arching, no intermittency and no history of filling; its error against DEM stands in "

@@ -40,6 +40,10 @@ def test_the_change_with_friction_is_kept_as_sensitivity_and_is_no_noise() -> No
     assert whole.noise == 0
     assert whole.noise_free == whole.upper == pytest.approx(0.1)
 
+    gates = {gate.name: gate for gate in made.gates}
+    assert gates["change of a frictional fluid's field with a coarser mesh"].value == made.figures["mesh"]
+    assert 1e-4 < made.figures["mesh"] < 0.02
+
     told = made.figures["sensitivity"]["wall friction ± 20 %"]
     bulk = np.where(field.bulk, field.grid.ring_area, 0)
     speed = 0.5 * (field.flux_z[1:] + field.flux_z[:-1]) / field.bulk_packing
