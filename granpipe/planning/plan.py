@@ -362,10 +362,10 @@ class _Scene:
                 ("dem", "thickness"),
             )
         depth = self.outline.measure.turn
-        breach = "" if ratio > 0.99 * THICKNESS else f"below {THICKNESS:g} d90 layers across the slab show in the field"
+        breach = "" if ratio > 0.99 * THICKNESS else f"below {THICKNESS:g} d90 the thickness may show in the field"
         if depth < min(thickness, THICKNESS * classes.d90) * (1 - 1e-9):
             breach = f"the slab is {depth:.3g} m deep: its front and back walls, which are left out, would be felt"
-        criterion = f"{THICKNESS:g} d90 between periodic faces: a thicker slab flows alike"
+        criterion = f"{THICKNESS:g} d90 between periodic faces: half of it made no difference beyond noise"
         return self.outline.of_depth(thickness), Decision("slab thickness", f"{thickness:.3g} m", criterion, breach)
 
     def _check_sections(self, grid: Grid) -> None:
