@@ -21,6 +21,9 @@ from granpipe.homogenize.extras import (
     wall_slip_arrays,
 )
 
+pytestmark = pytest.mark.filterwarnings("error")
+"""A division by zero where nothing ever touches a wall was once told by Python."""
+
 GRID = Grid.covering(0.3, 0.0, 0.4, 0.02)
 RADII = np.array([0.01, 0.02])
 INSIDE = np.ones(GRID.shape)

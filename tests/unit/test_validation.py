@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from validation.suite import CASES, results_of
 from granpipe.case.reader import read_case
 from granpipe.dem.snapshot import Snapshot
 from granpipe.field import Grid
+from granpipe.pipeline.dem_stages import FILL_ANGLE
 from granpipe.planning.plan import make_plan
 
 ROOT = Path(__file__).parents[2]
@@ -194,3 +197,18 @@ def test_verdicts_of_numpy_are_counted() -> None:
     assert Verdict("q", "1", "2", np.bool_(False)).passed is False
     assert Verdict("q", "1", "1", np.bool_(True)).passed is True
     assert Verdict("q", "1", "1 ± 9", None).passed is None
+
+
+def test_two_ways_of_filling_gave_the_same_free_surface_for_three_frictions() -> None:
+    """As docs/validation/free_surface.md tells it; all surfaces are flatter than the angle up to which is filled."""
+    text = (Path(__file__).parents[2] / "docs" / "validation" / "free_surface.md").read_text()
+    rows = re.findall(r"\| ([\d.]+) \| ([\d.]+) \| (\d+)° \| ([\d.]+) ± ([\d.]+)° \| ([\d.]+) ± ([\d.]+)°", text)
+    found: dict[str, dict[int, tuple[float, ...]]] = {}
+    for friction, _, filling, *angles in rows:
+        found.setdefault(friction, {})[int(filling)] = tuple(map(float, angles))
+    assert {name: set(fillings) for name, fillings in found.items()} == dict.fromkeys(("0.3", "0.5", "0.73"), {60, 80})
+    for fillings in found.values():
+        for at in (0, 2):  # settled, flowing
+            (one, error), (other, other_error) = (angles[at : at + 2] for angles in fillings.values())
+            assert abs(one - other) <= 2 * math.hypot(error, other_error)
+            assert max(one, other) < math.degrees(FILL_ANGLE)
