@@ -28,6 +28,9 @@ QUALITY_FAILED = 4
 LEAST_TIME_STEP, MOST_TIME_STEP = 1e-12, 10.0
 """Time steps of particle simulations [s], from atoms to boulders; others are slips of the pen."""
 
+MOST_ANGLE_ERROR = 10.0
+"""Largest standard error of an angle of repose [°]; with all frictions the angles of heaps are 10° to 42°."""
+
 LONG = 3 * 3600.0
 """Forecast [s] above which somebody at a terminal is asked before the work."""
 
@@ -517,8 +520,9 @@ def repose(
     """
     from granpipe.repose.run import calibrate_friction
 
-    if error < 0:
-        raise click.BadParameter(f"{math.degrees(error):.3g}° must not be below 0", param_hint="--error")
+    if not 0 <= math.degrees(error) <= MOST_ANGLE_ERROR:
+        message = f"{math.degrees(error):.3g}° is not from 0 to {MOST_ANGLE_ERROR:g}°: a rougher angle tells nothing"
+        raise click.BadParameter(message, param_hint="--error")
     with Console() as console:
         made = calibrate_friction(_read(case, overrides), angle, error, results, cores, console)
     click.echo(made.text, err=True)

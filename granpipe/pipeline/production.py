@@ -31,7 +31,7 @@ from granpipe.pipeline.records import SegmentRecord
 from granpipe.pipeline.softness import reference_overlap
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress, duration_text
-from granpipe.system.files import check_space, remove_leftovers
+from granpipe.system.files import check_space
 from granpipe.system.manifest import is_unchanged, is_whole, read_manifest, verify
 from granpipe.system.publish import publishing
 from granpipe.system.store import evidence_kept
@@ -195,7 +195,8 @@ class ProductionRun:
             if int(segment.name[-5:]) > done:
                 shutil.rmtree(segment)
                 self._whole = {(path, names) for path, names in self._whole if path != segment}
-        remove_leftovers(self.folder / "segment-*")
+        for left in self.folder.glob(".segment-*.part"):  # of processes that were killed while a segment appeared
+            shutil.rmtree(left, ignore_errors=True)
         if done:
             return done, whole[-1] / "restart", read_snapshot(whole[-1] / "snapshot.bin", DUMP_COLUMNS)
         verify(self.settled, "settled.restart", "settled.bin")

@@ -237,7 +237,7 @@ class _Scene:
         left.append(Stage("averaging", "there are no particles"))
         if "vessel" in self.case.figures:
             left.append(Stage("3-D picture", "there are no particles to show"))
-        left += self._left_out_fields("there are no particles")
+        self._leave_out_fields("there are no particles", left, notes)
         stages = [Stage("fluid", f"{why}: mesh the section and solve for the fictitious fluid"), self._results("fluid")]
         notes += doubts
         notes += [] if self.case.fluid.outlet_profile == "developed" else [OUTLET_NOTE]
@@ -254,7 +254,7 @@ class _Scene:
         left = [Stage("DEM run", "the case asks for a fluid"), Stage("averaging", "there are no particles")]
         if "vessel" in case.figures:
             left.append(Stage("3-D picture", "there are no particles to show"))
-        left += self._left_out_fields("there are no particles")
+        self._leave_out_fields("there are no particles", left, notes)
         grid = self._grid(self._opening_cell())
         plan = self._made("fluid", grid, [*stages, self._results("fluid")], left, notes=notes, seconds=FRICTION_SECONDS)
         floors = {name: need.floor for name, need in self.needs.items() if need.floor and need.floor.certain}
@@ -455,7 +455,7 @@ class _Scene:
         )
         stages.append(self._results("hybrid"))
         left = [Stage(f"DEM of {n}", self.needs[n].reason) for n in rest]
-        left += self._left_out_fields("the field is that of the fluid")
+        self._leave_out_fields("the field is that of the fluid", left, notes)
         plan = self._made("hybrid", grid, stages, left, notes=notes)
         return replace(
             plan,
@@ -469,9 +469,11 @@ class _Scene:
             disk_bytes=sum(submodel.disk_bytes for _, submodel in submodels),
         )
 
-    def _left_out_fields(self, why: str) -> list[Stage]:
-        """What the case asks for under homogenize.fields that only particles can tell."""
-        return [Stage(name, why) for name in self.case.homogenize.fields if name not in FROM_ANY_MODEL]
+    def _leave_out_fields(self, why: str, left: list[Stage], notes: list[str]) -> None:
+        """Leave out what the case asks for under homogenize.fields and only particles can tell, and say so."""
+        names = [name for name in self.case.homogenize.fields if name not in FROM_ANY_MODEL]
+        left += [Stage(name, why) for name in names]
+        notes += [f"homogenize.fields: without {', '.join(names)}: {why}"] if names else []
 
     def _submodel(self, span: Span, grid: Grid) -> tuple[Span, Plan]:
         """The plan of a sub-model, on the rows of the whole vessel's grid that it covers."""

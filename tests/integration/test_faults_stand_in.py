@@ -218,6 +218,19 @@ def test_of_a_damaged_checkpoint_the_one_before_is_used(
     assert_same_field(results, unbroken)
 
 
+def test_what_is_left_of_a_segment_that_was_killed_while_it_appeared_is_removed(
+    tiny: Path, cut: Path, unbroken: Path, tmp_path: Path
+) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(cut, results)
+    left = chain(results) / ".segment-00010.0123abcd.part"
+    left.mkdir()
+    (left / "restart").write_bytes(b"half")
+    run(read_case(tiny), results)
+    assert not left.exists()
+    assert_same_field(results, unbroken)
+
+
 def test_without_a_whole_restart_file_production_starts_anew(
     tiny: Path, cut: Path, unbroken: Path, tmp_path: Path
 ) -> None:

@@ -202,6 +202,12 @@ def test_the_reactors_whose_bulk_density_is_not_known_are_no_fluids(name: str) -
     assert make_plan(read_case(path, {"model": "hybrid"}).case).runs
 
 
+def test_fields_that_only_particles_tell_are_told_to_be_left_out() -> None:
+    fields = {"homogenize__fields": "[stress, strain_rate, coordination]"}
+    plan = plan_of("[[90, 400], [90, 0]]", model="fluid", flow_rate="1 l/h", **fields)
+    assert "homogenize.fields: without stress, coordination: there are no particles" in plan.notes
+
+
 def orifice(model: str, rate: str, diameter: str = "6 mm") -> Plan:
     """Flat bottom with a hole of 48 mm, or for a fluid a pipe of that width."""
     wall = "[[24, 300], [24, 0]]" if model == "fluid" else "[[60, 100], [60, 0], [24, 0], [24, -6]]"
