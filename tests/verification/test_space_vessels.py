@@ -25,7 +25,7 @@ from granpipe.pipeline.dump_window import Frame, Request
 from granpipe.pipeline.dumps import Walls, homogenize_files
 
 FLOW = ConvergingFlow(solids_flow=0.01, packing=0.58, peak=0.5)
-RADIUS, CELL = 0.015, 0.045
+RADIUS, CELL = 0.02, 0.06
 SHARE = 0.94
 """Of the radius of the known flow: what moves farther out is left out, so that spheres touch a wall from inside."""
 
@@ -117,7 +117,7 @@ def test_the_field_is_the_known_flow_within_its_errors(made: Homogenized) -> Non
 def test_in_space_and_on_rings_the_same_dumps_carry_the_same_flow_between_radii(
     made: Homogenized, dumps: tuple[Path, ...]
 ) -> None:
-    """Solids that pass within half the wall's radius at each level: 5 % of the whole flow is the noise of both."""
+    """Solids that pass within half the wall's radius at each level: 8 % of the whole flow is the noise of both."""
     rings = averaged(dumps, Frame("rz", 0.02)).field
     grid = made.field.grid
     assert isinstance(grid, Box)
@@ -130,7 +130,7 @@ def test_in_space_and_on_rings_the_same_dumps_carry_the_same_flow_between_radii(
         in_space = -(here * part).sum() * grid.ring_area[0]
         own = rings.flux_z[int(np.abs(rings.grid.z_edges - level).argmin())] * rings.grid.ring_area
         on_rings = -np.interp(half, rings.grid.r_edges, np.concatenate([[0.0], np.cumsum(own)]))
-        assert in_space == pytest.approx(on_rings, abs=0.05 * SOLIDS_FLOW)
+        assert in_space == pytest.approx(on_rings, abs=0.08 * SOLIDS_FLOW)
 
 
 def test_files_hold_the_field_in_space(made: Homogenized, tmp_path: Path) -> None:
