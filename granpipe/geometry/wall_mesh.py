@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -45,8 +46,10 @@ class WallOpening:
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Mean of the corners [m]."""
-        return float(self.border[:, 0].mean()), float(self.border[:, 1].mean())
+        """Mean of the corners [m], to a millionth of the opening."""
+        digits = 6 - math.floor(math.log10(np.ptp(self.border, axis=0).max()))
+        x, y = self.border.mean(axis=0)
+        return round(float(x), digits) + 0.0, round(float(y), digits) + 0.0  # no −0
 
 
 @dataclass(frozen=True)

@@ -174,6 +174,7 @@ def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
             f"outlet at x = {one['x_m']:.4g} m, y = {one['y_m']:.4g} m: {one['share']:.1%} ± {one['share_se']:.1%} "
             "of the flow"
             for one in outlets
+            if len(outlets) > 1
         ]
     gates = [
         *frame_marks,
