@@ -1,0 +1,369 @@
+"""Walls set back by (k − 1) r for enlarged particles, and deposits with the material's own radius: what they gain.
+
+`run` simulates two vessels with the material's own particles and with ones enlarged k times, between the walls as drawn
+and between walls set back; `page` compares the fields and writes docs/validation/set_back.md. Runs that were broken off
+go on where they were.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import shapely
+from scipy import ndimage
+
+from granpipe.analysis.compare import ONE_SIDED_95, Difference, compare
+from granpipe.case.reader import read_case
+from granpipe.case.schema import Case
+from granpipe.console import Console
+from granpipe.dem.deck import DUMP_COLUMNS
+from granpipe.dem.dump import first_step, read_snapshot
+from granpipe.field import Array, Field, Grid
+from granpipe.geometry.outline import Outline
+from granpipe.homogenize.average import Collector, Sums
+from granpipe.pipeline.averages import after_transient, averaged_field
+from granpipe.pipeline.context import Context
+from granpipe.pipeline.convergence import Convergence
+from granpipe.pipeline.dem_stages import simulate
+from granpipe.pipeline.production import Production
+from granpipe.pipeline.softness import as_rigid
+from granpipe.planning.plan import Plan, make_plan
+from granpipe.system.jsonfile import read_json, write_json
+from granpipe.system.publish import publishing
+from granpipe.system.store import Store
+from granpipe.system.versions import library_versions, program_versions
+
+HERE = Path(__file__).resolve().parent
+CASE = """\
+name: {name}
+outline: {{unit: mm, wall: {wall}, obstacles: {obstacles}, sections: {sections}}}
+material:
+  density: 2500 kg/m^3
+  size: {{diameter: {{normal: {{mean: 10 mm, std: 1 mm, min: 8 mm, max: 12 mm}}}}, classes: 3}}
+contact: {{youngs_modulus: 2.6e6 Pa, friction: 0.5, rolling_friction: 0.1}}
+flow_rate: 0.1 kg/s
+model: dem
+dem: {{coarse_grain_factor: {factor:g}, replicas: {replicas}, plate_speed: {speed:g} m/s, max_time: {time:g} s,
+  reservoir_height: {reservoir:g} mm, ranks: 1, keep_snapshots: all}}
+homogenize: {{cell: 2.5 mm, start: {start:g} s}}
+"""
+FACTORS = (1.5, 2.0, 3.0)
+REPLICAS = {1.0: 2, 1.5: 2, 2.0: 4, 3.0: 6}
+"""Coarse-grain factor → runs with seeds of their own: the fewer particles there are, the more."""
+
+SCALED = ("volume", "flow_r", "flow_z", "gain", "level_flow", "solids", "kinetic", "moments")
+
+
+@dataclass(frozen=True)
+class Vessel:
+    """One vessel; lengths in mm, speed in m/s, times in s."""
+
+    title: str
+    wall: tuple[tuple[float, float], ...]
+    obstacles: dict[str, tuple[tuple[float, float], ...]]
+    sections: dict[str, tuple[float, float]]
+    speed: float
+    time: float
+    start: float
+    factors: tuple[float, ...]
+
+    def case(self, folder: Path, factor: float, back: bool) -> Case:
+        """The case with particles enlarged by a factor, its walls set back or as drawn."""
+        wall, obstacles = np.array(self.wall), {name: np.array(one) for name, one in self.obstacles.items()}
+        if back:
+            wall, obstacles = set_back(wall, obstacles, (factor - 1) * self.radius)
+        rows = {name: one.round(6).tolist() for name, one in obstacles.items()}
+        sections = {name: list(levels) for name, levels in self.sections.items()}
+        text = CASE.format(
+            name=folder.name,
+            wall=wall.round(6).tolist(),
+            obstacles=rows,
+            sections=sections,
+            factor=factor,
+            replicas=REPLICAS[factor],
+            speed=self.speed,
+            time=self.time,
+            start=self.start,
+            reservoir=self.wall[0][0],
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "case.yaml").write_text(text)
+        return read_case(folder / "case.yaml").case
+
+    @property
+    def radius(self) -> float:
+        """Half the material's Sauter diameter, to four figures."""
+        return 5.07
+
+
+VESSELS = {
+    "hopper": Vessel(
+        "shaft, hopper of 26.6°, throat",
+        ((90, 290), (90, 170), (60, 110), (60, 0)),
+        {},
+        {"shaft": (290, 170), "hopper": (170, 110), "throat": (110, 0)},
+        speed=0.04,
+        time=5.0,
+        start=1.25,
+        factors=(1.0, 1.5, 2.0, 3.0),
+    ),
+    "cone": Vessel(
+        "shaft, sudden widening, cone on the axis",
+        ((70, 280), (70, 200), (100, 200), (100, 0)),
+        {"cone": ((0, 140), (0, 65), (30, 85))},
+        {"shaft": (280, 200), "widening": (200, 140), "cone": (140, 65), "plug": (65, 0)},
+        speed=0.025,
+        time=4.0,
+        start=1.25,
+        factors=(1.0, 1.5, 2.0),
+    ),
+}
+
+
+def set_back(wall: Array, obstacles: dict[str, Array], distance: float) -> tuple[Array, dict[str, Array]]:
+    """Walls and obstacles with every face moved into the solid by a distance; corners stay corners, the axis stays.
+
+    The free section, mirrored at the axis and made longer at both ends, grows by the distance; what an obstacle's part
+    of the solid has left is the new obstacle.
+    """
+    top, bottom = wall[0, 1], wall[-1, 1]
+    beyond = 10 * distance + 1e-9
+    longer = np.array([[wall[0, 0], top + beyond], *wall, [wall[-1, 0], bottom - beyond]])
+    vessel = shapely.Polygon([*longer, *(longer[::-1] * [-1, 1])])
+    solid = shapely.union_all([shapely.Polygon(one * [side, 1]) for one in obstacles.values() for side in (1, -1)])
+    wider, free = (
+        shape.buffer(distance, join_style="mitre", mitre_limit=20) for shape in (vessel, vessel.difference(solid))
+    )
+    within = shapely.box(0, bottom, 2 * wall[:, 0].max() + beyond, top)
+    left = wider.difference(free).intersection(within)
+    found = {}
+    for name, one in obstacles.items():
+        part = left.intersection(shapely.Polygon(one).buffer(distance))
+        if not isinstance(part, shapely.Polygon) or part.is_empty:
+            raise ValueError(f"obstacle {name} is thinner than walls set back by {distance:g} leave")
+        found[name] = np.array(part.exterior.coords)[:-1]
+    corners = np.array(shapely.simplify(wider.intersection(within), 1e-9).exterior.coords)[:-1]
+    outer = corners[corners[:, 0] > 1e-9]
+    turn = np.lexsort((outer[:, 0], -outer[:, 1]))[0]
+    ordered = np.roll(outer, -turn, axis=0)
+    if ordered[1, 1] == ordered[0, 1] or ordered[1, 1] > ordered[-1, 1]:
+        return ordered, found
+    return np.roll(ordered[::-1], 1, axis=0), found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=["run", "page"])
+    parser.add_argument("--vessels", nargs="*", default=list(VESSELS))
+    parser.add_argument("--factors", type=float, nargs="*", default=list(REPLICAS))
+    parser.add_argument("--results", type=Path, default=Path("results-set-back"))
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation" / "set_back.md")
+    options = parser.parse_args()
+    if options.what == "run":
+        for name in options.vessels:
+            for factor in (one for one in VESSELS[name].factors if one in options.factors):
+                for back in (False, True)[: 1 if factor == 1 else 2]:
+                    run(name, factor, back, options.results)
+    else:
+        text = page(options.results)
+        options.out.write_text(text)
+        print(text)
+
+
+def folder_of(results: Path, name: str, factor: float, back: bool) -> Path:
+    return results / f"{name}-{factor:g}{'-back' if back else ''}".replace(".", "_")
+
+
+def run(name: str, factor: float, back: bool, results: Path) -> None:
+    """Simulate, unless that is done, and deposit every snapshot on the grid of the vessel as drawn, in each way."""
+    vessel, folder = VESSELS[name], folder_of(results, name, factor, back)
+    plan = make_plan(vessel.case(folder, factor, back), 1)
+    store = Store(results / ".store")
+    versions = library_versions() | program_versions(store.root / "programs.json")
+    with Console() as console:
+        productions = simulate(plan, Context(store, versions, console, 1), lambda _: Convergence())
+    reports = [production.reports() for production in productions]
+    write_json(
+        folder / "run.json",
+        {
+            "overlap": float(np.mean([report.reference_overlap for of in reports for report in of])),
+            "particles": float(np.mean([of[-1].particles for of in reports])),
+            "processor_seconds": [of[-1].processor_seconds for of in reports],
+        },
+    )
+    grid = make_plan(vessel.case(results / f"{name}-drawn", factor, False), 1).grid
+    for deposits in {way.deposits for way in WAYS if way.back == back and (factor > 1 or way is WAYS[0])}:
+        for production in productions:
+            if not (target := folder / f"{deposits}-{production.run}").exists():
+                kept = Kept(production, plan, 1 / factor if deposits == "own" else 1.0)
+                with publishing(target) as made:
+                    for number, sums in enumerate(kept.sums(grid, beyond=plan.grid if deposits == "cut" else None)):
+                        sums.save(made / f"{number:04d}.npz")
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The snapshots that a production has kept, its particles deposited with a share of their radius."""
+
+    production: Production
+    plan: Plan
+    share: float
+
+    def sums(self, grid: Grid, beyond: Grid | None) -> Iterator[Sums]:
+        """Sums of each segment on a grid; `beyond`: a wider one, on which particles are deposited before it is cut."""
+        collector = Collector(beyond or grid, "displacement")
+        pairs = self.plan.dem.segment_steps // self.plan.dem.dump_every
+        paths = sorted((self.production.folder / "snapshots").glob("*.bin"), key=first_step)
+        for count, path in enumerate(paths):
+            snapshot = read_snapshot(path, DUMP_COLUMNS)
+            snapshot = snapshot.having(radius=snapshot.radius * self.share)
+            collector.add(first_step(path) * self.plan.dem.time_step, snapshot)
+            if count and count % pairs == 0:
+                sums = collector.take()
+                weighed = {key: self.share**-3 * getattr(sums, key) for key in SCALED}
+                yield cut(replace(sums, **weighed), grid)
+
+
+def cut(sums: Sums, grid: Grid) -> Sums:
+    """What of some sums lies on a grid with fewer columns."""
+    columns = grid.shape[1]
+    return replace(
+        sums,
+        grid=grid,
+        volume=sums.volume[:, :columns],
+        flow_r=sums.flow_r[:, : columns + 1],
+        flow_z=sums.flow_z[:, :columns],
+        gain=sums.gain[:, :columns],
+    )
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to get at the field with enlarged particles.
+
+    Parameters
+    ----------
+    back : walls are set back
+    deposits : "enlarged": with the radius of the particles, what reaches beyond the outermost wall counts before it;
+        "own": with that of the material's; "cut": with the radius of the particles, what lies beyond is left out
+    """
+
+    title: str
+    back: bool
+    deposits: Literal["enlarged", "own", "cut"]
+
+
+WAYS = (
+    Way("as drawn", False, "enlarged"),
+    Way("as drawn, deposits r", False, "own"),
+    Way("set back, deposits kr", True, "enlarged"),
+    Way("set back, deposits kr, cut", True, "cut"),
+    Way("set back, deposits r", True, "own"),
+)
+
+
+class Fields:
+    """Fields of one vessel from the runs in a folder, on one grid."""
+
+    def __init__(self, name: str, results: Path) -> None:
+        self.name, self.results, self.vessel = name, results, VESSELS[name]
+        case = self.vessel.case(results / f"{name}-drawn", 1.0, False)
+        self.outline, self.levels = Outline.from_case(case), case.outline.levels
+        self.truth = self.of(1.0, WAYS[0])
+
+    def has(self, factor: float) -> bool:
+        """Whether all runs with a factor are done."""
+        backs = (False,) if factor == 1 else (False, True)
+        return all((folder_of(self.results, self.name, factor, back) / "run.json").exists() for back in backs)
+
+    def of(self, factor: float, way: Way, seeds: slice = slice(None)) -> Field:
+        """The field of some of the runs together."""
+        folder = folder_of(self.results, self.name, factor, way.back)
+        case = self.vessel.case(self.results / f"{self.name}-drawn", factor, False)
+        segments: list[Sums] = []
+        for run in list(range(REPLICAS[factor]))[seeds]:
+            paths = sorted((folder / f"{way.deposits}-{run}").glob("*.npz"))
+            segments += [replace(Sums.load(path), run=run) for path in paths]
+        overlap = float(read_json(folder / "run.json")["overlap"])
+        steady = as_rigid(after_transient(segments, case), overlap)
+        return averaged_field(case, self.outline, steady, factor * self.diameter).field
+
+    @property
+    def diameter(self) -> float:
+        """Sauter diameter of the material [m]."""
+        return 2e-3 * self.vessel.radius
+
+    def errors(self, field: Field, factor: float) -> dict[str, Difference]:
+        """Differences from the truth: whole, sections, and the cells that are a large particle away from walls."""
+        found = {one.name: one for one in compare(self.truth, field, self.levels, factor * self.diameter)}
+        reach = int(np.ceil(max(FACTORS) * self.diameter / field.grid.cell))
+        walled = np.pad(field.inside_fraction, ((0, 0), (0, reach)))
+        least = ndimage.minimum_filter(walled, 2 * reach + 1, mode="nearest")[:, : field.grid.shape[1]]
+        within = replace(field, bulk=field.bulk & (least > 1 - 1e-9))
+        inner = compare(self.truth, within, self.levels, factor * self.diameter)[0]
+        return {"whole": found.pop("whole"), "away from walls": inner} | found
+
+
+def spread(one: Difference) -> float:
+    """Standard error of the squared difference."""
+    return (one.upper**2 - one.noise_free**2) / ONE_SIDED_95
+
+
+def told(one: Difference) -> str:
+    """A difference in %, with its standard error where it is beyond noise, else its bound."""
+    error = spread(one)
+    if one.noise_free**2 < ONE_SIDED_95 * error:
+        return f"< {100 * one.upper:.1f}"
+    return f"{100 * one.noise_free:.1f} ± {50 * error / one.noise_free:.1f}"
+
+
+def gain(before: Difference, after: Difference) -> float:
+    """By how many of its standard errors the squared difference went down; the noise of the truth is counted twice."""
+    error = float(np.hypot(spread(before), spread(after)))
+    free = [max(0.0, one.noise_free) ** 2 for one in (before, after)]
+    return (free[0] - free[1]) / error if error > 0 else 0.0
+
+
+def page(results: Path) -> str:
+    """The page: a table for each vessel, before and after."""
+    lines = list(HEAD)
+    for name, vessel in VESSELS.items():
+        if not (folder_of(results, name, 1.0, False) / "run.json").exists():
+            continue
+        fields = Fields(name, results)
+        lines += ["", f"## {name.capitalize()}: {vessel.title}", ""]
+        lines += table(fields)
+    return "\n".join([*lines, ""])
+
+
+def table(fields: Fields) -> list[str]:
+    names = ["whole", "away from walls", *fields.levels]
+    lines = ["| k | particles | seeds | way | " + " | ".join(names) + " | gain |", "|---" * (5 + len(names)) + "|"]
+    for factor in fields.vessel.factors:
+        if factor == 1 or not fields.has(factor):
+            continue
+        drawn = fields.errors(fields.of(factor, WAYS[0]), factor)
+        half = REPLICAS[factor] // 2
+        parts = (slice(None), "all"), (slice(0, half), "first half"), (slice(half, None), "second half")
+        for way in WAYS:
+            for seeds, title in parts:
+                if title != "all" and way not in (WAYS[0], WAYS[3]):
+                    continue
+                found = fields.errors(fields.of(factor, way, seeds), factor)
+                run = read_json(folder_of(fields.results, fields.name, factor, way.back) / "run.json")
+                better = "" if way is WAYS[0] or title != "all" else f"{gain(drawn['whole'], found['whole']):+.1f}"
+                cells = " | ".join(told(found[one]) for one in names)
+                lines.append(f"| {factor:g} | {run['particles']:.0f} | {title} | {way.title} | {cells} | {better} |")
+    return lines
+
+
+HEAD = ("# Walls set back for enlarged particles",)
+
+
+if __name__ == "__main__":
+    main()
