@@ -455,8 +455,7 @@ of the whole half as large again. Enlarged particles form layers along walls tha
 material's, and small deposits show them in full. Leaving out what reaches into the solid is better than counting it
 within the wall. **Whether walls set back are better than
 walls as drawn is not known**: the runs between walls as drawn have not been made, nor those of the vessels `flat` and
-`hopper`. In a vessel with a throat of 120 mm, particles of 10 mm enlarged three times gave no steady field between
-walls as drawn (throat 3.6 times d90; 31 % of the flow gathered in the vessel), and one between walls set back (4.2).
+`hopper`.
 """
 
 
