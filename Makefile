@@ -24,7 +24,7 @@ help:
 	@echo 'make test           ruff, mypy and all tests that are not slow'
 	@echo 'make test-cluster   a sweep on a two-node Slurm started on this machine (as root)'
 	@echo 'make verify         the slow tests, fuzz and test-cluster'
-	@echo 'make fuzz           100 000 damaged inputs for each reader, 12 500 for each format of drawings'
+	@echo 'make fuzz           100 000 damaged inputs for each reader, 12 500 for drawings, 2 500 for CAD files'
 	@echo 'make stability      the stability suite, half an hour; writes docs/validation/stability.md'
 	@echo 'make validation     granpipe against what others found; writes docs/validation/validation.md'
 	@echo 'make benchmarks     all of benchmarks/; writes docs/validation/benchmarks*.md'

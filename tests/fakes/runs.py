@@ -42,11 +42,11 @@ def start(case: Path, results: Path, **environment: str) -> subprocess.Popen[str
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | environment,
-        preexec_fn=_listen_to_interrupts,
+        preexec_fn=listen_to_interrupts,
     )
 
 
-def _listen_to_interrupts() -> None:
+def listen_to_interrupts() -> None:
     """A shell starts background jobs deaf to SIGINT, and the test run may be one."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -21,7 +21,7 @@ from granpipe.geometry.outline import Outline
 
 WALL = [(1.0, 4.0), (1.0, 2.0), (0.5, 1.0), (0.5, 0.0)]
 RING = [(0.7, 3.0), (0.9, 3.0), (0.9, 2.5), (0.7, 2.5)]
-SHARE = 8
+SHARE, CAD_SHARE = 8, 40
 """Part of the inputs that each format of drawings gets: a drawing takes ten times as long as a case."""
 CAD_SECONDS = 1
 """Processor time of one CAD file [s]; `granpipe` allows `cad.LEAST_SECONDS`."""
@@ -54,8 +54,8 @@ def read(path: Path) -> None:
     Outline.of(section.wall, section.obstacles)
 
 
-def count_for(fuzz_inputs: int) -> int:
-    return max(20, fuzz_inputs // SHARE)
+def count_for(fuzz_inputs: int, share: int = SHARE) -> int:
+    return max(20, fuzz_inputs // share)
 
 
 @pytest.mark.parametrize("kind", ["dxf", "csv", "mphtxt", "stl", "obj"])
@@ -70,7 +70,7 @@ SUFFIX = {"face": ".step", "body": ".step", "brep": ".brep"}
 @pytest.mark.parametrize("kind", SUFFIX)
 def test_cad_files(tmp_path: Path, fuzz_inputs: int, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Many in one process, as one for each takes ten times as long; a file that ends it is refused in a run."""
-    damaged = list(inputs(SEED, [source(kind, tmp_path)], TEXT, count_for(fuzz_inputs)))
+    damaged = list(inputs(SEED, [source(kind, tmp_path)], TEXT, count_for(fuzz_inputs, CAD_SHARE)))
     path, deadly = tmp_path / f"damaged{SUFFIX[kind]}", []
     with monkeypatch.context() as patch:
         patch.setattr("granpipe.drawings.cad.subprocess.run", lambda command, **_: cad._answer(command[-1]))

@@ -85,6 +85,7 @@ def test_snapshots_are_gone_unless_they_are_asked_for(finished: tuple[Path, Path
     assert kept == [path.name for path in sorted(chain.glob("segment-*"))][-2:]
 
 
+@pytest.mark.slow
 def test_free_discharge_closes_its_balance_and_is_fed_as_fast_as_it_flows(tiny: Path, tmp_path: Path) -> None:
     changes = {"dem.outlet": "open", "outline.wall": "[[6, 10], [6, 6], [5, 0]]", "material.size.diameter": "1.4 cm"}
     outcome, _ = run(read_case(tiny, changes), tmp_path / "results")

@@ -14,6 +14,7 @@ from granpipe.system.cores import usable_cores
 pytestmark = pytest.mark.liggghts
 
 
+@pytest.mark.slow
 def test_granpipes_word_is_true_in_a_few_rows_and_rows_are_not_repeated(tmp_path: Path) -> None:
     few = subset(rows())
     judged = run_suite(few, tmp_path, usable_cores(), Silent())

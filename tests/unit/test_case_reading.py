@@ -216,7 +216,7 @@ def test_set_reaches_into_a_section_in_short_form(tmp_path):
         ("name.x", "2", "--set name: is a single value in the case"),
         ("dem..seed", "2", "--set: `dem..seed` is not a dotted key"),
         ("", "2", "--set: `` is not a dotted key"),
-        ("dem.seed", "[1", "--set: not YAML"),
+        ("dem.seed", "[1", "--set dem.seed: not YAML"),
         ("dem.seed", "", "--set dem.seed: no value; must be a whole number"),
         ("material", "", "--set material.density: missing"),
         ("outline.wall", "[[1, 1], [3[cm], 0]]", "outline.unit"),
