@@ -105,7 +105,10 @@ def in_walls(request: Request, paths: Sequence[Path], unit: float) -> Homogenize
         raise DataError("the walls stand where the particles do, z up: leave out --up and --axis, or --walls")
     walls = read_walls(paths, unit)
     x, y, z = ((float(low), float(high)) for low, high in walls.ends)
-    grid = vessel_box((x, y, z), request.frame, most_segments(request))
+    try:
+        grid = vessel_box((x, y, z), request.frame, most_segments(request))
+    except DataError as error:
+        raise DataError(f"{error}; the walls are {z[1] - z[0]:.3g} m high: is --unit right?") from None
     inside = walls.inside_fraction(grid)
     low, size = (
         np.array([x[0], y[0], z[0]]),
@@ -140,6 +143,8 @@ def read_walls(paths: Sequence[Path], unit: float) -> WallMesh:
 
     points, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
     for path in paths:
+        if not path.is_file():
+            raise DataError(f"{path}: file not found; give an STL or OBJ file of the walls")
         try:
             own, corners = read_triangles(path)
         except CaseError as error:
