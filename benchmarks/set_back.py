@@ -450,12 +450,14 @@ to its flow. *Away from walls*: at least an enlarged diameter from all of them. 
 squared error is than with walls as drawn and deposits kr, in standard errors; the noise of the truth, common to both,
 is counted twice, so this is on the safe side.
 
-**What is known so far.** Deposits with the material's own radius are no remedy: from the same run, they make the error
-of the whole half as large again. Enlarged particles form layers along walls that are k times as thick as the
-material's, and small deposits show them in full. Leaving out what reaches into the solid is better than counting it
-within the wall. **Whether walls set back are better than
-walls as drawn is not known**: the runs between walls as drawn have not been made, nor those of the vessels `flat` and
-`hopper`.
+**What is known so far** (k = 2, two runs each). Walls set back, with what reaches into the solid left out, take the
+error of the flat-bottomed silo from 21.3 ± 1.3 to 12.1 ± 1.5 % (4.7 standard errors of the difference), and leave
+that of the hopper as it is, 13.3 ± 0.8 and 12.6 ± 0.7 %, 9.6 and 7.4 % away from walls. In the narrow vessel enlarged
+particles between walls as drawn arch and give no field; between walls set back they give one. Without leaving that out
+the hopper becomes worse (15.6 %). Deposits with the material's own radius are no remedy: in the hopper and the narrow
+vessel they raise the error of the whole by half and more. Enlarged particles form layers along walls that are k times
+as thick as the material's, and small deposits show them in full. Not tried: obstacles, the reactor, k = 3, an open
+outlet. The truths of `flat` and `hopper` are one run each.
 """
 
 
