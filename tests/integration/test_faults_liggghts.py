@@ -152,6 +152,7 @@ def test_free_discharge_resumes_with_its_balance(tiny: Path, tmp_path: Path) -> 
 def test_during_a_run_a_second_one_and_a_clean_are_refused_and_touch_nothing(
     tiny: Path, tmp_path: Path, second: str, words: str
 ) -> None:
+    tiny.write_text(tiny.read_text().replace("max_time: 1.2 s", "max_time: 3 s"))  # the second needs a second to begin
     results = tmp_path / "results"
     first = start(tiny, results)
     wait_for(".store/produce-*/segment-00002", results)
