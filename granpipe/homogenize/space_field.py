@@ -75,17 +75,19 @@ def space_field(
     if len(segments) < 2:
         raise DataError("errors of faces come from how segments differ: average two segments or more")
     sums = merge(segments)
+    grid = sums.grid
+    assert isinstance(grid, Box)
     raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
     independent = blocks(segments, min(len(segments), BLOCKS))
     each, run = [_fluxes(block) for block in independent], np.array([block.run for block in independent])
     faces = _flowing(raw.bulk)
-    area = _areas(sums.grid)
+    area = _areas(grid)
 
     def errors_of(fluxes: Sequence[Faces]) -> list[Array]:
-        return [local_errors(np.array(one), run, sums.grid, diameter) for one in zip(*fluxes, strict=True)]
+        return [local_errors(np.array(one), run, grid, diameter) for one in zip(*fluxes, strict=True)]
 
     errors = errors_of(each)
-    variance = _variances([(a * se) ** 2 for a, se in zip(area, errors, strict=True)], faces, sums.grid, diameter)
+    variance = _variances([(a * se) ** 2 for a, se in zip(area, errors, strict=True)], faces, grid, diameter)
     projection = Projection(raw.bulk, faces, variance)
 
     def conserving(flux: Faces) -> Faces:
@@ -93,7 +95,7 @@ def space_field(
         return x / area[0], y / area[1], z / area[2]
 
     flux_r, flux_y, flux_z = conserving(_fluxes(sums))
-    flow = float(level_flow(flux_z, sums.grid).mean())
+    flow = float(level_flow(flux_z, grid).mean())
     if not flow > 0:
         raise DataError(f"nothing flows down through the vessel: {flow:.3g} m³/s of solids on average")
     change = float(np.sqrt(((flux_z - sums.mean_flux[1]) ** 2).sum() / (flux_z**2).sum()))
@@ -196,8 +198,7 @@ def _fluxes(sums: Sums) -> Faces:
     return sums.mean_flux[0], along_y, sums.mean_flux[1]
 
 
-def _areas(grid: object) -> tuple[float, float, float]:
-    assert isinstance(grid, Box)
+def _areas(grid: Box) -> tuple[float, float, float]:
     return float(grid.side_area[0]), grid.front_area, float(grid.ring_area[0])
 
 
@@ -211,12 +212,11 @@ def _flowing(bulk: Mask) -> list[Mask]:
     return found
 
 
-def _variances(variance: Sequence[Array], faces: Sequence[Mask], grid: object, diameter: float) -> Faces:
+def _variances(variance: Sequence[Array], faces: Sequence[Mask], grid: Box, diameter: float) -> Faces:
     """Variances over the mean of all, through a Gaussian of one particle diameter: a few blocks give them only roughly.
 
     At least `_LEAST_VARIANCE`: where nothing varies, as across a rigid motion, the average is not known without error.
     """
-    assert isinstance(grid, Box)
     open_faces = sum(int(face.sum()) for face in faces)
     mean = sum(float(one[face].sum()) for one, face in zip(variance, faces, strict=True)) / max(1, open_faces)
     found = []
