@@ -470,6 +470,7 @@ def homogenize(
     grid around the particles; in the plane x-z it is made to conserve volume as well. Ranges are in the directions that
     --up and --axis make: z up, the axis at x = y = 0.
     """
+    from granpipe.case import units
     from granpipe.pipeline.dump_files import write_homogenized
     from granpipe.pipeline.dump_window import Frame, Request
     from granpipe.pipeline.dumps import Walls, homogenize_files
@@ -487,8 +488,6 @@ def homogenize(
         stop=math.inf if stop is None else stop,
         radius=radius,
     )
-    from granpipe.case import units
-
     try:
         given = Walls(walls, units.length_unit(unit)) if walls else None
     except units.UnitError as error:
