@@ -43,14 +43,20 @@ DATA_OF = {beverloo.SPREADING.name: beverloo.CASE.name}
 
 
 def run_piece(case: Case, piece: str, results: Path, data: Path) -> None:
-    """Run a piece and keep what it found, unless it was found before."""
+    """Run a piece and keep what it found, unless it was found before; the time of runs that were stopped counts."""
     path = data / f"{case.name}.json"
     if piece in stored(path):
         return
     print(f"{case.name}: {piece}", flush=True)
+    folder, spent = results / case.name, results / case.name / f"{piece}.seconds.json"
+    folder.mkdir(parents=True, exist_ok=True)
+    earlier = stored(spent).get("seconds", 0.0)
     began = time.perf_counter()
-    values = case.pieces[piece](results / case.name)
-    seconds = round(time.perf_counter() - began, 1)
+    try:
+        values = case.pieces[piece](folder)
+    finally:
+        seconds = round(earlier + time.perf_counter() - began, 1)
+        write_json(spent, {"seconds": seconds})
     data.mkdir(parents=True, exist_ok=True)
     made = f"{datetime.now(UTC):%Y-%m-%d}"
     write_json(path, stored(path) | {piece: {"made": made, "seconds": seconds, "found": values}})
