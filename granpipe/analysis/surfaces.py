@@ -93,6 +93,8 @@ def _uppermost(field: Field, z_range: tuple[float, float]) -> tuple[Array, Array
     solid, inside, z = field.bulk[rows], field.inside_fraction[rows] > 0, grid.z_edges[1:][rows]
     free = solid[:-1] & ~solid[1:] & inside[1:]
     columns = np.flatnonzero(free.any(axis=0))
+    if not len(columns):  # a section of less than two rows of cells has no surface in it
+        return np.empty(0), np.empty(0)
     return grid.r_centres[columns], z[:-1][len(free) - 1 - free[::-1, columns].argmax(axis=0)]
 
 

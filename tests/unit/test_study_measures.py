@@ -95,6 +95,14 @@ def test_no_free_surface_or_a_short_one_has_no_angle():
     assert surface_angle(heap, (0.0, 2.0), diameter=0.3) is None
 
 
+@pytest.mark.parametrize("thickness", [0.0, 0.5, 1.0])
+def test_a_section_of_less_than_two_rows_of_cells_has_no_surface(thickness):
+    """As the rim of an orifice, a millimetre high."""
+    section, heap = (1.0, 1.0 + thickness * GRID.cell), filled_to(1.2 - 0.5 * R)
+    assert surface_angle(heap, section, diameter=0.1) is None
+    assert surface_halves(heap, section, diameter=0.1) is None
+
+
 def test_walls_are_no_surface():
     assert bulk_edge(filled_to(1.0))[:, 0].max() < 0.8
     with pytest.raises(DataError, match="no free surface"):
