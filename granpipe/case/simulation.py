@@ -10,6 +10,7 @@ from granpipe.case.units import LENGTH, SPEED, TIME
 from granpipe.case.values import Group, OneOf, Quantity, SomeOf, Whole, refuse
 
 Outlet = Literal["plate", "open"]
+Walls = Literal["as_drawn", "set_back"]
 Snapshots = Literal["none", "thinned", "all"]
 Method = Literal["psi", "gaussian"]
 MoreFields = Literal[
@@ -32,6 +33,12 @@ class Dem(Group):
 
     coarse_grain_factor: Annotated[float, Quantity(at_least=1, at_most=100)] = Field(
         default=1.0, description="Particles are enlarged by this factor: fewer of them, the same material."
+    )
+    walls: Annotated[Walls, OneOf(Walls)] = Field(
+        default="as_drawn",
+        description="Between which walls enlarged particles are simulated: as drawn, or set back into the solid by "
+        "(`coarse_grain_factor` − 1) times the material's Sauter radius, so that their centres get as near to the "
+        "drawn walls as the material's. The field is that of the vessel as drawn.",
     )
     plate_speed: Annotated[float | Literal["auto"], Quantity(SPEED, above=0, at_most=100, auto=True)] = Field(
         default="auto",

@@ -15,10 +15,12 @@ from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import gaussian_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, bed_packing, measure_plug
+from granpipe.homogenize.drawn_walls import share_in_solid, within_drawn
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.smooth import flowing_faces, smooth
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, onset, standard_error
 from granpipe.planning.flow import target_flow
+from granpipe.planning.plan import Plan
 
 Levels = Mapping[str, tuple[float, float]]
 
@@ -98,6 +100,24 @@ def smoothing_change(field: Field, segments: Sequence[Sums], diameter: float) ->
         float((weight * cell_squares(r, z)).sum()) for r, z in ((final[0] - raw[0], final[1] - raw[1]), error, final)
     )
     return float(np.sqrt(max(0.0, change - noise) / flux))
+
+
+def steady_segments(segments: Sequence[Sums], plan: Plan) -> list[Sums]:
+    """The segments of each run after the transient, in the vessel as drawn.
+
+    Raises
+    ------
+    DataError : no segment begins after the start that the case gives
+    """
+    steady = after_transient(segments, plan.case)
+    if plan.set_back is None:
+        return steady
+    return within_drawn(steady, plan.grid, plan.outline.inside_fraction(plan.grid))
+
+
+def in_solid(segments: Sequence[Sums], plan: Plan) -> float:
+    """Largest part of a level's flow that passes it in the drawn solid, after the transient."""
+    return share_in_solid(after_transient(segments, plan.case), plan.outline.inside_fraction(plan.grid))
 
 
 def after_transient(segments: Sequence[Sums], case: Case) -> list[Sums]:

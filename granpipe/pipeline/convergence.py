@@ -11,7 +11,7 @@ from granpipe.field import level_flow
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import gathered_flow
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.pipeline.averages import AveragedField, after_transient, averaged_field
+from granpipe.pipeline.averages import AveragedField, averaged_field, steady_segments
 from granpipe.pipeline.gates import Gate, error_gates, level_flow_gates, missing_time
 from granpipe.planning.plan import Plan
 
@@ -103,7 +103,7 @@ class StatisticalErrorCriterion:
         if len(sums) < LEAST_BLOCKS or plan.case.homogenize.method == "gaussian":
             return Convergence()
         try:
-            steady = after_transient(sums, plan.case)
+            steady = steady_segments(sums, plan)
             averaged = averaged_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter)
         except DataError:
             return Convergence()  # no flow at some level yet, or the filling still changes too fast

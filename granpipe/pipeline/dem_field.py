@@ -23,11 +23,12 @@ from granpipe.homogenize.statistics import (
 )
 from granpipe.pipeline.averages import (
     Levels,
-    after_transient,
     averaged_field,
+    in_solid,
     measured_packing,
     plug_range,
     smoothing_change,
+    steady_segments,
 )
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import StatisticalErrorCriterion, average_gates
@@ -37,6 +38,7 @@ from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.failure import held_up, no_field
 from granpipe.pipeline.gates import (
     FORCES_BALANCE,
+    IN_SOLID,
     OVERLAPS,
     PACKING,
     SIZE_SHARE,
@@ -95,7 +97,7 @@ def dem_field(plan: Plan, productions: Sequence[Production]) -> ModelResult:
 
 def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sums]) -> ModelResult:
     settings = plan.dem
-    simulated = after_transient(segments, plan.case)
+    simulated = steady_segments(segments, plan)
     reports = [production.reports() for production in productions]
     overlap = float(np.mean([report.reference_overlap for run in reports for report in run]))
     steady = as_rigid(simulated, overlap)
@@ -128,6 +130,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
             *((FORCES_BALANCE.gate(abs(figures["forces"]["imbalance"])),) if "forces" in figures else ()),
             upward_gate(field),
             cells_gate(plan),
+            *((IN_SOLID.gate(in_solid(segments, plan)),) if plan.set_back is not None else ()),
             *(() if changed is None else (SMOOTHING.gate(changed),)),
             *((asymmetry_gate(figures["off_centre"]),) if "off_centre" in figures else ()),
             *surface_gates(figures),

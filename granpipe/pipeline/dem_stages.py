@@ -88,7 +88,7 @@ def make_walls(plan: Plan, context: Context) -> Path:
     context.progress.stage("walls", _found(context.store, "walls", key))
 
     def work(folder: Path) -> None:
-        walls = build_walls(plan.outline, folder=folder, facets=_facets(plan), **_wall_lengths(plan))
+        walls = build_walls(plan.simulated, folder=folder, facets=_facets(plan), **_wall_lengths(plan))
         triangles = dict(walls.triangles)
         WallRecord(walls.facets, walls.sides, walls.inward, triangles, walls.plate_area).write(folder)
 
@@ -96,7 +96,7 @@ def make_walls(plan: Plan, context: Context) -> Path:
 
 
 def _walls_key(plan: Plan, versions: Mapping[str, str]) -> str:
-    outline = plan.outline
+    outline = plan.simulated
     inputs = _wall_lengths(plan) | {
         "wall": outline.wall.tolist(),
         "obstacles": {name: polygon.tolist() for name, polygon in outline.obstacles.items()},
@@ -135,7 +135,7 @@ class _Replica:
         stls = {path.name: digest(path) for path in sorted(walls.glob("*.stl"))}
         part: dict[str, Any] = {"deck": self.fill, "walls": stls, "liggghts": context.versions["liggghts"]}
         self.settle_key = key_of("settle", _VERSION, part)
-        settled, grid = self.store.folder("settle", self.settle_key), plan.grid
+        settled, grid = self.store.folder("settle", self.settle_key), plan.deposit_grid
         part = {"deck": produce, "settled": settled.name, "cell": grid.cell, "z": [grid.z_edges[0], grid.z_edges[-1]]}
         part |= ExtraSums.of(plan).key
         self.produce_key = key_of("produce", _VERSION, part)
@@ -203,7 +203,7 @@ class _Replica:
 
 
 def compose_deck(plan: Plan, walls: Path) -> Deck:
-    settings, outline = plan.dem, plan.outline
+    settings, outline = plan.dem, plan.simulated
     report = WallRecord.read(walls)
     margin = settings.classes.largest + settings.skin / 2 + report.inward
     above_plate = settings.plate_z + settings.classes.largest + settings.skin / 2

@@ -41,6 +41,7 @@ from granpipe.pipeline.extra_fields import FORCES, ExtraSums, with_derived
 from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, asymmetry_gate, upward_gate
 from granpipe.planning.flow import check_flow_rate
 from granpipe.planning.plane import check_plane
+from granpipe.planning.set_back import check_dumps
 
 _MOST_THROUGH_SIDES = 0.01  # of the flow
 
@@ -67,6 +68,7 @@ def homogenize_files(request: Request, case: Case | None, walls: Walls | None = 
     Raises
     ------
     DataError : dumps that cannot be read, hold what cannot be, or do not fit the case or the frame
+    CaseError : the case asks for what dumps cannot give
     """
     frame = request.frame
     if frame.plane == "rz" and (frame.x is not None or frame.y is not None):
@@ -77,6 +79,7 @@ def homogenize_files(request: Request, case: Case | None, walls: Walls | None = 
         return in_walls(request, walls.paths, walls.unit)
     if case is None:
         return _on_grid(request)
+    check_dumps(case)
     if frame.plane == "xyz" and case.outline.symmetry == "axis":
         return in_space(request, case)
     return _in_vessel(request, case)

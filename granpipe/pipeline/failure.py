@@ -103,7 +103,7 @@ def no_field(reason: str, plan: Plan, productions: Sequence[Production], segment
     """The error of a run whose segments give no field, for a reason that the averaging told."""
     one_run = [sums for sums in segments if sums.run == segments[0].run]
     levels = _levels(one_run, _plate_flow(plan))
-    cause, text = diagnose(one_run, levels, plan.outline, plan.dem)
+    cause, text = diagnose(one_run, levels, plan.simulated, plan.dem)
     return NoFieldError(reason, Story(plan, tuple(productions), reason, cause, text, levels))
 
 
@@ -188,7 +188,7 @@ def _storage(segments: Sequence[Sums]) -> float:
 
 def _plate_flow(plan: Plan) -> float:
     """Solids that leave [m³/s]: by the plate, or by the free discharge that is expected."""
-    settings, outline = plan.dem, plan.outline
+    settings, outline = plan.dem, plan.simulated
     return PACKING * settings.inlet_speed * outline.inlet_area
 
 

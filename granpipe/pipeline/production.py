@@ -206,7 +206,7 @@ class ProductionRun:
         """The health to be kept by a run that starts from this bed."""
         settings = self.settings
         friction = self.plan.case.contact.wall.friction
-        vessel = flow_limits(self.plan.outline, settings, friction)
+        vessel = flow_limits(self.plan.simulated, settings, friction)
         catcher = settings.plate_z - self.deck.catcher_depth if settings.open_outlet else float("-inf")
         fallen = int((bed.position[:, 2] < catcher).sum())
         return FlowHealth(settings, self.plan.case, vessel, len(bed), fallen)
@@ -240,7 +240,7 @@ class _Watch:
         self.progress, self.average = progress, average
         self.settings, self.health = run.settings, health
         self.extra_sums = ExtraSums.of(run.plan)
-        self.collector = Collector(run.plan.grid, "displacement", extras=self.extra_sums.extras)
+        self.collector = Collector(run.plan.deposit_grid, "displacement", extras=self.extra_sums.extras)
         self.segment = done + 1
         self.next_step = done * self.settings.segment_steps
         self.start_step, self.started = self.next_step, time.monotonic()

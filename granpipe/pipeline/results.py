@@ -260,7 +260,7 @@ def _simulated(plan: Plan, made: ModelResult) -> Iterator[tuple[Plan, ModelResul
 def _animate(path: Path, plan: Plan, made: ModelResult, production: Production, note: Callable[[str], None]) -> None:
     from granpipe.export.animation import Frame, animation
 
-    outline, time_step = plan.outline, made.figures["time_step_s"]
+    outline, time_step = plan.simulated, made.figures["time_step_s"]
     frames = [Frame(step * time_step, particles) for step, particles in production.kept_frames(MOST_FRAMES)]
     if len(frames) < 2:
         note("no animation: the run kept no snapshots; `granpipe clean` and run again with dem.keep_snapshots: thinned")

@@ -21,6 +21,7 @@ from granpipe.planning.doubts import doubts, size_hint, unit_hint
 from granpipe.planning.flow import check_flow_rate
 from granpipe.planning.plane import check_model, check_plane, depth_note
 from granpipe.planning.sections import section_needs, section_ranges
+from granpipe.planning.set_back import check_whole, walls_of
 from granpipe.planning.submodel import Span, spans, sub_case
 from granpipe.planning.wall_factors import wall_factor_decisions
 from granpipe.progress import duration_text
@@ -95,6 +96,7 @@ class Plan:
     Parameters
     ----------
     settings : of the DEM run of the whole vessel; None unless the model is "dem"
+    set_back : the vessel between whose walls the particles are simulated, where it is not the one as drawn
     submodels : sub-models of a hybrid and the spans of sections that they stand for
     followed : spans in which a hybrid follows the field of an earlier run instead
     decisions : settings with their criteria; their warnings and breaches are in `warnings` and `breaches`
@@ -122,6 +124,20 @@ class Plan:
     unfit: tuple[str, ...] = ()
     wall_factors: tuple[Decision, ...] = ()
     friction: BulkFriction | None = None
+    set_back: Outline | None = None
+
+    @property
+    def simulated(self) -> Outline:
+        """The vessel that particles see: its walls as drawn, or set back."""
+        return self.outline if self.set_back is None else self.set_back
+
+    @property
+    def deposit_grid(self) -> Grid:
+        """The grid on which particles are summed: the columns of the field's own, and more where walls are set back."""
+        if self.set_back is None:
+            return self.grid
+        columns = Grid.covering(self.set_back.r_max, self.outline.z_bottom, self.outline.z_top, self.grid.cell)
+        return Grid(columns.r_edges, self.grid.z_edges)
 
     @property
     def dem(self) -> Settings:
@@ -313,8 +329,9 @@ class _Scene:
 
     def _dem(self) -> Plan:
         outline, thickness = self._simulated()
+        walls = walls_of(self.case, outline)
         try:
-            settings = choose(self.case, _vessel(outline), self.cores)
+            settings = choose(self.case, _vessel(walls.outline), self.cores)
         except CaseError as error:
             raise self._with_hint(error) from None
         self._check_duration(settings)
@@ -338,8 +355,13 @@ class _Scene:
         return replace(
             plan,
             outline=outline,
+            set_back=walls.outline if walls.decision else None,
             settings=settings,
-            decisions=(*settings.decisions, thickness or self._facets(settings)),
+            decisions=(
+                *settings.decisions,
+                *((walls.decision,) if walls.decision else ()),
+                thickness or self._facets(settings, walls.outline.r_max),
+            ),
             particle_steps=self._particle_steps(settings, settings.steps),
             seconds=self._seconds(settings, settings.steps),
             disk_bytes=self.case.dem.replicas * _disk(self.case, settings),
@@ -379,8 +401,8 @@ class _Scene:
                     ("outline", "sections"),
                 )
 
-    def _facets(self, settings: Settings) -> Decision:
-        given, radius, diameter = self.case.dem.facets, self.outline.r_max, settings.classes.sauter_diameter
+    def _facets(self, settings: Settings, radius: float) -> Decision:
+        given, diameter = self.case.dem.facets, settings.classes.sauter_diameter
         if given != "auto" and given % 4:
             raise CaseError(f"must be a multiple of 4, so that quarters are equal, not {given}", ("dem", "facets"))
         try:
@@ -423,6 +445,7 @@ class _Scene:
 
     def _hybrid(self) -> Plan:
         case = self.case
+        check_whole(case)
         classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
         outside = [name for name, need in self.needs.items() if need.objection and name not in case.outline.sections]
         if outside:

@@ -21,7 +21,7 @@ from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.coarsen import coarsened
 from granpipe.homogenize.psi_field import BLOCKS
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, flux_errors
-from granpipe.pipeline.averages import after_transient, averaged_field, statistical_errors
+from granpipe.pipeline.averages import averaged_field, statistical_errors, steady_segments
 from granpipe.pipeline.production import Production
 from granpipe.pipeline.records import SegmentRecord, SettleRecord
 from granpipe.planning.plan import Plan
@@ -96,7 +96,7 @@ class FinishedRun:
         DataError : no segment is left after the transient
         """
         near = end * (1 + 1e-9)
-        return after_transient([sums for sums in self.segments if sums.stop <= near], self.plan.case)
+        return steady_segments([sums for sums in self.segments if sums.stop <= near], self.plan)
 
     def seconds(self, end: float) -> float:
         """Time up to a simulated time: that of the slowest chain, for they run side by side."""

@@ -93,6 +93,11 @@ def make_study(
     """
     if case.outline.symmetry == "plane":
         raise CaseError("a study is made of bodies of revolution only; vary a slab by a sweep", ("outline", "symmetry"))
+    if case.dem.walls == "set_back":
+        raise CaseError(
+            "a study tells errors of size between walls as drawn: set as_drawn; compare walls by `granpipe compare`",
+            ("dem", "walls"),
+        )
     plans = model_plans(case)
     basis = replace(_basis(case, plans), cores=cores)
     settled = _settled(case, basis)

@@ -31,7 +31,7 @@ def test_a_run_without_a_field_keeps_its_story_beside_the_results(
         def refuse(*_: object) -> None:
             raise DataError("the filling changes too fast")
 
-        faulty.setattr(dem_field, "after_transient", refuse)
+        faulty.setattr(dem_field, "steady_segments", refuse)
         with pytest.raises(NoFieldError, match=r"changes too fast; .*max_time: .* s more.*; report and pictures in"):
             run_case(read_case(tiny, short), results, Silent())
     kept = results / "tiny.failed"

@@ -1,0 +1,82 @@
+"""Between which walls enlarged particles are simulated, and where walls may not be set back."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from granpipe.case.schema import Case
+from granpipe.dem.settings import Decision
+from granpipe.dem.sizes import size_classes
+from granpipe.errors import CaseError
+from granpipe.geometry.outline import Outline
+from granpipe.geometry.set_back import WALLS_KEY, set_back
+
+POSSIBLE_FIELDS = ("residence_time", "age")
+"""What of homogenize.fields follows from the flow alone; the rest is summed over particles, some in the solid."""
+
+
+class Walls(NamedTuple):
+    """The vessel that particles see, and the choice that made it another one than that drawn."""
+
+    outline: Outline
+    decision: Decision | None
+
+
+def walls_of(case: Case, outline: Outline) -> Walls:
+    """The walls of a DEM run: as drawn, or set back by (k − 1) times the material's Sauter radius.
+
+    The Sauter radius, because a size has its share of what touches a wall by its surface; grid and wall mesh go by it,
+    too.
+
+    Raises
+    ------
+    CaseError : the case asks for what cannot be had between walls that are set back
+    """
+    if case.dem.walls == "as_drawn":
+        return Walls(outline, None)
+    _check(case)
+    factor = case.dem.coarse_grain_factor
+    distance = (factor - 1) * size_classes(case.material.size).sauter_diameter / 2
+    criterion = f"(k − 1) Sauter radii into the solid, with k = {factor:g}; the field is cut at the walls as drawn"
+    return Walls(set_back(outline, distance), Decision("walls", f"back {distance:.3g} m", criterion))
+
+
+def check_whole(case: Case) -> None:
+    """CaseError where walls would be set back in a part of the vessel."""
+    if case.dem.walls == "set_back":
+        raise CaseError(
+            "set_back is possible where particles fill the whole vessel, not in a hybrid: set model: dem, or leave it "
+            "out",
+            WALLS_KEY,
+        )
+
+
+def check_dumps(case: Case) -> None:
+    """CaseError where dumps would be averaged between other walls than those that the case draws."""
+    if case.dem.walls == "set_back":
+        raise CaseError(
+            "dumps are averaged between the walls that the case draws: draw those that the particles had, and leave it "
+            "out",
+            WALLS_KEY,
+        )
+
+
+def _check(case: Case) -> None:
+    if case.dem.coarse_grain_factor == 1:
+        raise CaseError(
+            "set_back is for enlarged particles, and dem.coarse_grain_factor is 1: leave it out, or enlarge them",
+            WALLS_KEY,
+        )
+    if case.outline.symmetry == "plane":
+        raise CaseError("set_back is possible in bodies of revolution only; leave it out in a slab", WALLS_KEY)
+    if case.dem.outlet == "open":
+        raise CaseError(
+            "set_back widens an open outlet, and its discharge with it: set dem.outlet: plate, or leave it out",
+            WALLS_KEY,
+        )
+    if others := [name for name in case.homogenize.fields if name not in POSSIBLE_FIELDS]:
+        raise CaseError(
+            f"{others[0]} is summed over particles, and between walls that are set back (dem.walls) some of them lie "
+            "in the solid: leave it out, or set dem.walls: as_drawn",
+            ("homogenize", "fields"),
+        )
