@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 WALLS_KEY: KeyPath = ("dem", "walls")
 
-MOST = 2.0
-"""Farthest that a point of the drawn walls may move, in distances: corners of the solid down to 60°."""
+MOST = 3.0
+"""Farthest that a point of the drawn walls may move, in distances: corners of the solid down to 39°."""
 
 _ROUNDING = 1e-9  # of the vessel's size: coordinates are the same whatever the machine
 
@@ -138,7 +138,7 @@ def _check_moved(outline: Outline, free: BaseGeometry, faces: BaseGeometry, dist
             raise CaseError(
                 f"[{r:.6g}, {z:.6g}] would move by {moved[worst]:.3g} m where walls are set back by {distance:.3g} m "
                 f"(dem.walls), more than {MOST:g} times as far: a ledge too near to the inlet or the outlet, a fin, or "
-                "an edge sharper than 60°; draw it longer, thicker or blunter, take a smaller "
+                "an edge sharper than 39°; draw it longer, thicker or blunter, take a smaller "
                 "dem.coarse_grain_factor, or set dem.walls: as_drawn",
                 key,
             )

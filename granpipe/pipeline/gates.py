@@ -270,8 +270,8 @@ CELLS = Limit(
 IN_SOLID = Limit(
     "part of a level's flow that passes it in the drawn solid",
     "dem, with `dem.walls: set_back`",
-    "What enlarged particles carry beyond the drawn walls is left out, and the rest of the level raised by it. On four "
-    "vessels it was up to MEASURED %; far beyond that the field is more correction than measurement.",
+    "What enlarged particles carry beyond the drawn walls is left out, and the rest of the level raised by it. Where "
+    "more than that is left out, a level is more correction than measurement.",
     high=0.3,
     percent=True,
     remedy="a smaller dem.coarse_grain_factor",

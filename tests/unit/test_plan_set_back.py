@@ -1,0 +1,83 @@
+"""`dem.walls`: what particles see is set back, what the user gets is as drawn; refused where it cannot be right."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granpipe.case.reader import load_case
+from granpipe.errors import CaseError
+from granpipe.planning.plan import Plan, make_plan
+from granpipe.study.points import make_study
+
+CASES = Path(__file__).parents[2] / "cases"
+BACK = {"material.size": "{diameter: 1 cm}", "dem.coarse_grain_factor": "2", "dem.walls": "set_back"}
+
+
+def plan_of(path: Path, **changes: str) -> Plan:
+    given = BACK | {key.replace("__", "."): value for key, value in changes.items()}
+    return make_plan(load_case(path, given))
+
+
+def test_particles_see_walls_set_back_by_what_they_are_larger(tiny: Path) -> None:
+    plan, drawn = plan_of(tiny), plan_of(tiny, dem__walls="as_drawn")
+    assert plan.simulated.r_max == pytest.approx(0.065)  # (2 − 1) × 5 mm
+    assert plan.outline.r_max == 0.06
+    assert drawn.simulated is drawn.outline
+    # openings, particles and speeds are those between the walls that particles see
+    gap = {one.name: one for one in plan.decisions}["gap/d90 at the outlet"]
+    assert float(gap.value) == pytest.approx(0.13 / 0.02)
+    assert plan.dem.particles / drawn.dem.particles == pytest.approx((0.065 / 0.06) ** 2, rel=0.03)
+    (walls,) = (one for one in plan.decisions if one.name == "walls")
+    assert walls.value == "back 0.005 m"
+    assert "walls" not in {one.name for one in drawn.decisions}
+
+
+def test_the_fields_grid_is_that_of_the_vessel_as_drawn(tiny: Path) -> None:
+    plan, drawn = plan_of(tiny), plan_of(tiny, dem__walls="as_drawn")
+    assert np.array_equal(plan.grid.r_edges, drawn.grid.r_edges)
+    assert drawn.deposit_grid is drawn.grid
+    wide = plan.deposit_grid
+    assert np.array_equal(wide.z_edges, plan.grid.z_edges)
+    assert np.array_equal(wide.r_edges[: len(plan.grid.r_edges)], plan.grid.r_edges)
+    assert wide.r_edges[-1] >= 0.065
+
+
+def test_of_several_sizes_the_sauter_radius_counts(tiny: Path) -> None:
+    sieve = "{diameter: {sieve: {edges: [8 mm, 10 mm, 12 mm], fractions: [50 %, 50 %]}}, by: mass}"
+    plan = plan_of(tiny, material__size=sieve)
+    assert plan.simulated.r_max - 0.06 == pytest.approx(0.25 * plan.dem.classes.sauter_diameter, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "what"),
+    [
+        ({"dem__coarse_grain_factor": "1"}, "walls", "coarse_grain_factor is 1"),
+        ({"dem__outlet": "open"}, "walls", "open outlet"),
+        ({"homogenize__fields": "[wall_pressure]"}, "fields", "wall_pressure"),
+        ({"homogenize__fields": "[residence_time, stress]", "homogenize__method": "psi"}, "fields", "stress"),
+        ({"homogenize__fields": "[particle_velocity]"}, "fields", "particle_velocity"),
+        ({"outline__obstacles": "{pin: [[0, 4], [0.5, 4], [0.5, 6], [0, 6]]}"}, "pin", "nothing is left"),
+    ],
+)
+def test_what_cannot_be_right_is_refused(tiny: Path, changes: dict[str, str], key: str, what: str) -> None:
+    with pytest.raises(CaseError, match=what) as refused:
+        plan_of(tiny, **changes)
+    assert refused.value.key[-1] == key
+
+
+def test_a_hybrid_and_a_study_refuse_it() -> None:
+    for changes in ({"model": "hybrid"}, {"model": "auto"}):
+        with pytest.raises(CaseError, match="model: dem"):
+            make_plan(load_case(CASES / "reactor_hybrid.yaml", {"dem.walls": "set_back"} | changes))
+    case = load_case(CASES / "reactor.yaml", {"dem.walls": "set_back"})
+    with pytest.raises(CaseError, match="as_drawn") as refused:
+        make_study(case, 1.0, 1)
+    assert refused.value.key == ("dem", "walls")
+
+
+def test_a_fluid_has_no_particles_to_set_walls_back_for() -> None:
+    plan = make_plan(load_case(CASES / "hopper.yaml", {"dem.walls": "set_back", "model": "fluid"}))
+    assert plan.set_back is None
