@@ -330,10 +330,13 @@ class _Scene:
     def _dem(self) -> Plan:
         outline, thickness = self._simulated()
         walls = walls_of(self.case, outline)
+        if walls.decision:
+            self._narrow(self.openings)  # as drawn, for the material's own particles
         try:
             settings = choose(self.case, _vessel(walls.outline), self.cores)
         except CaseError as error:
-            raise self._with_hint(error) from None
+            where = "between walls set back (dem.walls) " if walls.decision else ""
+            raise self._with_hint(CaseError(where + error.message, error.key, error.place)) from None
         self._check_duration(settings)
         reasons = "; ".join(f"{name}: {need.dem}" for name, need in self.needs.items() if need.dem)
         stages = [

@@ -59,10 +59,16 @@ def test_of_several_sizes_the_sauter_radius_counts(tiny: Path) -> None:
         ({"homogenize__fields": "[wall_pressure]"}, "fields", "wall_pressure"),
         ({"homogenize__fields": "[residence_time, stress]", "homogenize__method": "psi"}, "fields", "stress"),
         ({"homogenize__fields": "[particle_velocity]"}, "fields", "particle_velocity"),
+        (
+            {"material__size": "{diameter: 2 cm}", "dem__coarse_grain_factor": "4"},
+            1,
+            "between walls set back .* only 2.2",
+        ),
+        ({"material__size": "{diameter: 2.5 cm}", "dem__coarse_grain_factor": "1.1"}, 1, "is 0.12 m wide, only 4.8"),
         ({"outline__obstacles": "{pin: [[0, 4], [0.5, 4], [0.5, 6], [0, 6]]}"}, "pin", "nothing is left"),
     ],
 )
-def test_what_cannot_be_right_is_refused(tiny: Path, changes: dict[str, str], key: str, what: str) -> None:
+def test_what_cannot_be_right_is_refused(tiny: Path, changes: dict[str, str], key: str | int, what: str) -> None:
     with pytest.raises(CaseError, match=what) as refused:
         plan_of(tiny, **changes)
     assert refused.value.key[-1] == key
