@@ -33,6 +33,7 @@ SHIPPED = Path(__file__).parents[1] / "templates" / "studies"
 _SETTLED = (
     ("contact", "youngs_modulus"),
     ("dem", "coarse_grain_factor"),
+    ("dem", "walls"),
     ("dem", "plate_speed"),
     ("dem", "reservoir_height"),
     ("dem", "replicas"),
@@ -232,6 +233,7 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
     """
     own = {
         "dem.coarse_grain_factor": "1",
+        "dem.walls": "as_drawn",
         "dem.plate_speed": "auto",
         "dem.max_time": "auto",
         "homogenize.start": "auto",
@@ -241,6 +243,7 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
         "model": "dem",
         "homogenize.method": "psi",
         "homogenize.start": "auto",
+        "dem.walls": "as_drawn",
         "dem.coarse_grain_factor": f"{max(1.0, _narrowness(fine) / _narrowness(model)):.4g}",
         "dem.plate_speed": "auto",
         "dem.max_time": "auto",

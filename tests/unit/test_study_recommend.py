@@ -185,3 +185,11 @@ def test_a_damaged_study_is_told(tmp_path: Path) -> None:
     (tmp_path / "smoke-study" / "study.json").write_text("{}")
     with pytest.raises(DataError, match=r"damaged \(case: Field required\); run the study again"):
         recommend(smoke(), tmp_path, 0.11)
+
+
+def test_a_studys_errors_are_those_between_walls_as_drawn(results: Path) -> None:
+    """So are the settings that it recommends, whatever the case says."""
+    back = smoke(dem__walls="set_back", dem__coarse_grain_factor="1.5")
+    assert recommend(back, results, 0.11).file.case.dem.walls == "as_drawn"
+    other = smoke(dem__walls="set_back", dem__coarse_grain_factor="1.5", material__size="{diameter: 1 cm}")
+    assert recommend(other, results / "empty", 0.05).file.case.dem.walls == "as_drawn"
