@@ -11,7 +11,7 @@ from fakes.plane_flow import PlaneFlow
 import granpipe.pipeline.dump_grid as module
 from granpipe.case.reader import load_case
 from granpipe.cli import main
-from granpipe.errors import DataError
+from granpipe.errors import CaseError, DataError
 from granpipe.field import Box
 from granpipe.pipeline.dump_grid import grid_round
 from granpipe.pipeline.dump_survey import Survey
@@ -77,6 +77,15 @@ def test_a_round_vessel_goes_with_rings_only(tmp_path: Path) -> None:
     case = load_case(Path(__file__).parents[2] / "cases" / "reactor.yaml")
     with pytest.raises(DataError, match="vessel of revolution: give no --plane xz, or leave out --case"):
         homogenize_files(Request(dumps, Frame("xz", 0.02), 1e-4), case)
+
+
+def test_dumps_are_averaged_between_the_walls_that_the_case_draws(tmp_path: Path) -> None:
+    dumps = PlaneFlow().dumps(tmp_path, 0.1, 2)
+    case = load_case(Path(__file__).parents[2] / "cases" / "reactor.yaml", {"dem.walls": "set_back"})
+    for plane in ("rz", "xyz"):
+        with pytest.raises(CaseError, match="draw those that the particles had") as refused:
+            homogenize_files(Request(dumps, Frame(plane, 0.02), 1e-4), case)
+        assert refused.value.key == ("dem", "walls")
 
 
 def test_flow_through_the_ends_of_x_is_not_made_to_conserve(tmp_path: Path) -> None:
