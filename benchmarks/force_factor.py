@@ -21,7 +21,7 @@ from granpipe.fluid.fictitious import FluidSolution, solve_fluid
 from granpipe.fluid.forcing import KnownFlow
 from granpipe.fluid.wall_speed import WallLaw
 from granpipe.geometry.section import mesh_section
-from granpipe.homogenize.psi_fit import PsiFit, Weights, node_roles
+from granpipe.homogenize.psi_fit import NormalEquations, Weights, node_roles
 
 WALL = np.array([[1.0, 5.9], [1.0, 4.9], [0.5, 3.9], [0.5, 3.4], [1.156, 3.4], [1.156, 0]])
 RING = np.array([[0.75, 1.85], [1.156, 1.85], [1.156, 2.10], [0.75, 2.10]])
@@ -74,7 +74,7 @@ def flows(grid: Grid, psi: np.ndarray, exact: Flux) -> dict[str, Callable[[float
     inside = inside_fraction(grid)
     roles = node_roles(inside, inside > 0)
     weights = Weights(np.maximum(grid.side_area, grid.side_area[1]) + 0 * exact[0], grid.ring_area + 0 * exact[1])
-    fit = PsiFit(grid, roles, weights, CELL, 2 * CELL)
+    fit = NormalEquations(grid, roles, weights, 2 * CELL).fit(CELL)
 
     def as_it_comes(flux: Flux) -> Callable[[float], KnownFlow]:
         return lambda K: Unfitted(grid.r_edges, grid.z_edges, psi, (FORCED,), RAMP, K, flux)

@@ -14,7 +14,7 @@ from granpipe.field import Array, Field, Grid, Mask, flux_from_psi, level_flow
 from granpipe.homogenize.assemble import raw_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, gathered_flow, plug_levels
-from granpipe.homogenize.psi_fit import PsiFit, Roles, Weights, node_roles
+from granpipe.homogenize.psi_fit import NormalEquations, PsiFit, Roles, Weights, node_roles
 from granpipe.homogenize.smooth import flowing_faces
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, flux_errors, standard_error
 
@@ -108,8 +108,9 @@ def psi_field(
 def _best_fit(data: Sequence[Data], grid: Grid, roles: Roles, weights: Weights, diameter: float) -> PsiFit:
     """The fit whose smoothing length predicts left-out blocks best; no more than two are held at a time."""
     best, least = None, np.inf
+    equations = NormalEquations(grid, roles, weights, CLEARANCE * diameter)
     for length in SMOOTHING_LENGTHS:
-        fit = PsiFit(grid, roles, weights, length * diameter, CLEARANCE * diameter)
+        fit = equations.fit(length * diameter)
         error = _prediction_error(fit, data, weights)
         if best is None or error < least:
             best, least = fit, error

@@ -94,36 +94,54 @@ class Weights:
     z: Array
 
 
-class PsiFit:
-    """A least-squares fit whose matrix is factored once, for many data.
+class NormalEquations:
+    """The normal equations of the fit but for its smoothing length: assembled once, for fits of several lengths.
 
     Parameters
     ----------
     grid : the cells
     roles : (nz+1, nr+1) from `node_roles`
     weights : of the faces; only their ratios matter
-    smoothing_length : ℓ [m]
     clearance : distance to walls and voids within which nothing is smoothed [m]
     """
 
-    def __init__(self, grid: Grid, roles: Roles, weights: Weights, smoothing_length: float, clearance: float) -> None:
-        self.grid, self.smoothing_length = grid, smoothing_length
-        self._shape = roles.shape
-        self._unknowns = _unknowns(roles)
+    def __init__(self, grid: Grid, roles: Roles, weights: Weights, clearance: float) -> None:
+        self.grid, self.shape, self.unknowns = grid, roles.shape, _unknowns(roles)
         flux = _flux_operators(grid)
         far = _far_faces(roles, grid, clearance)
         mirrors = (-1, 1) if grid.measure.axial else (0, 0)
-        stiffness = (smoothing_length / grid.cell) ** 4
-        matrix = sparse.csr_matrix((roles.size, roles.size))
-        self._data = []
+        self.data, data_part, smooth_part = [], [], []
         for operator, weight, smooth_faces, mirror in zip(flux, (weights.r, weights.z), far, mirrors, strict=True):
             diagonal = sparse.diags_array(weight.ravel())
-            self._data.append(operator.T @ diagonal)
-            matrix += operator.T @ diagonal @ operator
+            self.data.append(operator.T @ diagonal)
+            data_part.append(operator.T @ diagonal @ operator)
             for bend, count in _second_differences(smooth_faces, mirror):
                 rows = bend @ operator
-                matrix += count * stiffness * (rows.T @ diagonal @ rows)
-        expand, wall_part = self._unknowns
+                smooth_part.append(count * (rows.T @ diagonal @ rows))
+        self._data_part, self._smooth_part = sum(data_part[1:], data_part[0]), sum(smooth_part[1:], smooth_part[0])
+
+    def fit(self, smoothing_length: float) -> PsiFit:
+        """The fit with ℓ [m].
+
+        Raises
+        ------
+        DataError : the segments do not determine ψ
+        """
+        return PsiFit(self, smoothing_length)
+
+    def matrix(self, smoothing_length: float) -> sparse.csr_matrix:
+        """(nodes, nodes) over all nodes, known ones included."""
+        return sparse.csr_matrix(self._data_part + (smoothing_length / self.grid.cell) ** 4 * self._smooth_part)
+
+
+class PsiFit:
+    """A least-squares fit whose matrix is factored once, for many data; made by `NormalEquations.fit`."""
+
+    def __init__(self, equations: NormalEquations, smoothing_length: float) -> None:
+        self.grid, self.smoothing_length = equations.grid, smoothing_length
+        self._equations = equations
+        matrix = equations.matrix(smoothing_length)
+        expand, wall_part = equations.unknowns
         self._wall_load = expand.T @ (matrix @ wall_part)
         try:
             self._factor = splu(
@@ -141,10 +159,11 @@ class PsiFit:
         `solids_flow` [m³/s, positive downwards] passes every level: ψ = −solids_flow/2π on the wall (over the depth in
         the plane x–z).
         """
-        expand, wall_part = self._unknowns
+        expand, wall_part = self._equations.unknowns
+        by_r, by_z = self._equations.data
         wall = -solids_flow / self.grid.measure.turn
-        load = expand.T @ (self._data[0] @ flux_r.ravel() + self._data[1] @ flux_z.ravel()) - wall * self._wall_load
-        return np.asarray(expand @ self._factor.solve(load) + wall * wall_part).reshape(self._shape)
+        load = expand.T @ (by_r @ flux_r.ravel() + by_z @ flux_z.ravel()) - wall * self._wall_load
+        return np.asarray(expand @ self._factor.solve(load) + wall * wall_part).reshape(self._equations.shape)
 
 
 def _flux_operators(grid: Grid) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:

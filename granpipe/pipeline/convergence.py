@@ -45,13 +45,13 @@ Criterion = Callable[[Sequence[Sums]], Convergence]
 class RunningAverage:
     """The sums that the replicas of a case have made so far, and how good their average is.
 
-    The criterion is evaluated when there are a certain share more segments than at the last time: it takes a second.
+    The criterion takes a second: it is evaluated when there are a certain share more segments than at the last time, a
+    larger one where no target can end the run and the error is only shown.
     """
 
-    _MORE = 1.08
-
-    def __init__(self, criterion: Criterion, sums: Sequence[Sums]) -> None:
+    def __init__(self, criterion: Criterion, sums: Sequence[Sums], *, target: bool) -> None:
         self._criterion, self._sums, self._next = criterion, list(sums), 0.0
+        self._more = 1.08 if target else 1.5
         self.convergence = Convergence()
 
     def add(self, sums: Sums) -> None:
@@ -66,7 +66,7 @@ class RunningAverage:
     def evaluate(self) -> None:
         """Evaluate the criterion, if there are enough more segments than before."""
         if len(self._sums) >= self._next:
-            self._next = self._MORE * len(self._sums)
+            self._next = self._more * len(self._sums)
             self.convergence = self._criterion(self._sums)
 
     @property

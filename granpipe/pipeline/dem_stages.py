@@ -47,7 +47,8 @@ def simulate(plan: Plan, context: Context, criterion: Criterion) -> tuple[Produc
     walls = make_walls(plan, context)
     dem = plan.case.dem
     replicas = [_Replica(number, plan, walls, context) for number in range(dem.replicas)]
-    average = RunningAverage(criterion, [sums for replica in replicas for sums in replica.production_run.sums()])
+    done = [sums for replica in replicas for sums in replica.production_run.sums()]
+    average = RunningAverage(criterion, done, target=dem.statistical_error is not None)
     if not all(replica.production_run.complete for replica in replicas):
         average.evaluate()
     tasks = (Task(replica.name("DEM"), plan.dem.ranks, replica.work(average)) for replica in replicas)

@@ -247,7 +247,7 @@ class _Watch:
         self.averaging = self.checking = 0.0
         self.overlap = Overlap(0.0, 0.0, 0)
         self.count = 0
-        self.disk = 0
+        self.disk = self.counted = 0
         self.recent: deque[Path] = deque()
 
     def look(self, status: Status) -> None:
@@ -347,7 +347,9 @@ class _Watch:
         check_space(self.run.folder, 3 * restart.stat().st_size)
         self.run.publish(self.segment, sums, restart, snapshot, report)
         self.segment += 1
-        self.disk = sum(path.stat().st_size for path in self.run.folder.rglob("*") if path.is_file())
+        if self.segment >= 1.1 * self.counted:  # to look at every file each time would take longer and longer
+            self.counted = self.segment
+            self.disk = sum(path.stat().st_size for path in self.run.folder.rglob("*") if path.is_file())
         self.average.add(replace(sums, run=self.run.number))
 
     def _keep(self, path: Path, ends: bool) -> None:

@@ -131,6 +131,7 @@ def test_after_a_resume_the_plate_is_where_it_would_have_been(tiny: Path, tmp_pa
     assert lowest == pytest.approx(plate, abs=0.05 * 2 * snapshot.radius.max())
 
 
+@pytest.mark.slow
 def test_free_discharge_resumes_with_its_balance(tiny: Path, tmp_path: Path) -> None:
     """What the catcher has counted before is not counted again; the balance is checked at every row."""
     text = tiny.read_text().replace("wall: [[6, 10], [6, 0]]", "wall: [[6, 10], [6, 6], [5, 0]]")

@@ -17,7 +17,7 @@ from granpipe.progress import Silent
 
 pytestmark = pytest.mark.liggghts
 
-LONG = {"dem.max_time": "8 s", "homogenize.method": "psi", "homogenize.start": "auto"}
+LONG = {"dem.max_time": "6.4 s", "homogenize.method": "psi", "homogenize.start": "auto"}
 
 
 class Watched(Silent):

@@ -5,7 +5,7 @@ import pytest
 
 from granpipe.errors import DataError
 from granpipe.field import Grid, divergence, flux_from_psi, level_flow
-from granpipe.homogenize.psi_fit import AXIS, FREE, WALL, PsiFit, Weights, node_roles
+from granpipe.homogenize.psi_fit import AXIS, FREE, WALL, NormalEquations, Weights, node_roles
 
 GRID = Grid.covering(0.4, 0.0, 0.6, 0.02)
 ROWS, COLUMNS = GRID.shape
@@ -21,7 +21,7 @@ def open_cells():
 
 
 def fitted(inside, bulk, flux, smoothing_length=0.0, clearance=0.0, flow=FLOW):
-    fit = PsiFit(GRID, node_roles(inside, bulk), even_weights(), smoothing_length, clearance)
+    fit = NormalEquations(GRID, node_roles(inside, bulk), even_weights(), clearance).fit(smoothing_length)
     return fit.solve(*flux, flow)
 
 
@@ -116,7 +116,7 @@ def test_smoothing_leaves_what_has_no_curvature_as_it_is_up_to_axis_and_ends(nam
         "linear convergence": plug_psi() * (1 + 2 * z),  # w linear in z, u linear in r
         "shear": plug_psi() * (1 + 0.5 * r),  # w linear in r, but for the axis
     }[name]
-    fit = PsiFit(GRID, node_roles(open_cells(), open_cells() > 0), even_weights(), 0.2, 0.0)
+    fit = NormalEquations(GRID, node_roles(open_cells(), open_cells() > 0), even_weights(), 0.0).fit(0.2)
     bend = sum(
         np.abs(bend @ flux.ravel()).reshape(flux.shape)[3:-3, 2:-2].max()
         for flux, mirror in zip(flux_from_psi(psi, GRID), (-1, 1), strict=True)
@@ -171,6 +171,8 @@ def test_faces_of_low_weight_give_way():
         np.where(np.arange(COLUMNS) < COLUMNS // 2, 1e-4, 1.0) * np.ones((ROWS + 1, 1)),
     ):
         even = even_weights()
-        fit = PsiFit(GRID, node_roles(open_cells(), open_cells() > 0), Weights(even.r, even.z * weight), 0, 0)
+        fit = NormalEquations(
+            GRID, node_roles(open_cells(), open_cells() > 0), Weights(even.r, even.z * weight), 0
+        ).fit(0)
         errors.append(np.linalg.norm(fit.solve(flux_r, flux_z + noise, FLOW) - psi))
     assert errors[1] < 0.7 * errors[0]

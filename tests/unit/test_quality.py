@@ -52,7 +52,7 @@ def test_a_run_is_judged_now_and_then_until_it_is_good_enough():
         asked.append(len(parts))
         return Convergence({"whole": 0.1}, reached=len(parts) >= 60)
 
-    average = RunningAverage(criterion, [])
+    average = RunningAverage(criterion, [], target=True)
     for number in range(100):
         if average.reached:
             break
@@ -62,7 +62,7 @@ def test_a_run_is_judged_now_and_then_until_it_is_good_enough():
 
 
 def test_segments_that_were_dropped_do_not_count():
-    average = RunningAverage(lambda parts: Convergence(), [sums(0.0), sums(1.0), sums(0.0, run=1)])
+    average = RunningAverage(lambda parts: Convergence(), [sums(0.0), sums(1.0), sums(0.0, run=1)], target=True)
     average.replace(0, iter([sums(0.0)]))
     assert [(part.run, part.start) for part in average._sums] == [(1, 0.0), (0, 0.0)]
 

@@ -11,7 +11,7 @@ from scipy.stats import qmc
 from granpipe.field import Box, Field, divergence, flux_from_psi, level_flow
 from granpipe.homogenize.assemble import raw_field, unguided_plug
 from granpipe.homogenize.average import Collector
-from granpipe.homogenize.psi_fit import AXIS, WALL, PsiFit, Weights, node_roles
+from granpipe.homogenize.psi_fit import AXIS, WALL, NormalEquations, Weights, node_roles
 from granpipe.pipeline.dump_average import Homogenized
 from granpipe.pipeline.dump_files import write_homogenized
 from granpipe.pipeline.dump_window import Frame, Request
@@ -88,7 +88,7 @@ def fitted(flux, bulk=None, length=0.0):
     inside = np.ones(PLANE.shape)
     roles = node_roles(inside, inside > 0 if bulk is None else bulk)
     weights = Weights(np.ones((ROWS, COLUMNS + 1)), np.ones((ROWS + 1, COLUMNS)))
-    return PsiFit(PLANE, roles, weights, length, 0.0).solve(*flux, FLOW), roles
+    return NormalEquations(PLANE, roles, weights, 0.0).fit(length).solve(*flux, FLOW), roles
 
 
 def with_walls(psi):
