@@ -72,7 +72,7 @@ def run(modulus: float, results: Path) -> None:
     plan = make_plan(case, 1)
     with Console() as console:
         (production,) = simulate(plan, Context(store, versions, console, 1), StatisticalErrorCriterion(plan))
-    steady = after_transient(list(production.sums()), case)
+    steady = after_transient(list(production.sums()), plan)
     bulk = (0.0, 0.036)
     inside, d = plan.outline.inside_fraction(plan.grid), plan.dem.classes.sauter_diameter
 

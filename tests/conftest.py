@@ -17,7 +17,7 @@ material:
 contact: {friction: 0.5, rolling_friction: 0.1}
 flow_rate: 1 kg/s
 model: dem
-dem: {max_time: 1.2 s, plate_speed: 0.03 m/s, ranks: 1, reservoir_height: 8 cm}
+dem: {max_time: 1.2 s, plate_speed: 0.03 m/s, start_speed: 0.03 m/s, ranks: 1, reservoir_height: 8 cm}
 homogenize: {start: 0.4 s, method: gaussian}
 figures: []
 export: [comsol]

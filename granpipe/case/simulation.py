@@ -44,6 +44,11 @@ class Dem(Group):
         default="auto",
         description="Speed of the plate under the outlet: a numerical choice, not the process flow rate.",
     )
+    start_speed: Annotated[float | Literal["auto"], Quantity(SPEED, above=0, at_most=100, auto=True)] = Field(
+        default="auto",
+        description="Speed of the plate, at the most, while the flow develops, which is not averaged; `auto`: half of "
+        "free discharge. Below one and a half times `plate_speed` the plate has that speed from the beginning.",
+    )
     time_step: Annotated[float | Literal["auto"], Quantity(TIME, above=0, at_most=1, auto=True)] = Field(
         default="auto",
         description="Time step; `auto` is as long as Rayleigh time, collisions and neighbour skin allow.",
@@ -55,8 +60,9 @@ class Dem(Group):
     )
     max_time: Annotated[float | Literal["auto"], Quantity(TIME, above=0, at_most=1e6, auto=True)] = Field(
         default="auto",
-        description="Longest production, in simulated time after filling and settling; `auto`: as long as the widest "
-        "section, the vessel's content and `statistical_error` need. A longer one continues the same run.",
+        description="Longest production, in simulated time after filling, settling and a faster start; `auto`: as long "
+        "as the widest section, the vessel's content and `statistical_error` need. A longer one continues the same "
+        "run.",
     )
     replicas: Annotated[int, Whole(1, 1000)] = Field(
         default=1,
@@ -102,7 +108,8 @@ class Homogenize(Group):
         "scaling rows and Gaussian smoothing (gaussian).",
     )
     start: Annotated[float | Literal["auto"], Quantity(TIME, at_least=0, at_most=1e6, auto=True)] = Field(
-        default="auto", description="Production time at which averaging begins, after the transient."
+        default="auto",
+        description="Production time, a faster start included, at which averaging begins, after the transient.",
     )
     smoothing_passes: Annotated[int, Whole(0, 100)] = Field(
         default=2, description="Passes of the 5×5 Gaussian of `method: gaussian`."

@@ -102,6 +102,8 @@ class Deck(MaterialDeck):
     settle_chunks: int
     rest_energy: float
     plate_speed: float
+    start_speed: float
+    start_segments: int
     catcher_depth: float
     dump_every: int
     segment_steps: int
@@ -189,6 +191,8 @@ def make_deck(
         settle_chunks=100,
         rest_energy=0.5 * (0.005 * math.sqrt(GRAVITY * classes.sauter_diameter)) ** 2,
         plate_speed=settings.plate_speed,
+        start_speed=settings.start_speed,
+        start_segments=settings.start_segments,
         catcher_depth=4 * classes.largest,
         dump_every=settings.dump_every,
         segment_steps=settings.segment_steps,

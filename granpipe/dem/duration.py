@@ -25,13 +25,24 @@ NOISE = 0.1
 test reactor, 0.088 on the smoke scene)."""
 
 TRANSIENT = 2.0
-"""Time of a run over the time that is averaged."""
+"""Time of a run over the time that is averaged, where the plate has one speed."""
+
+STEADY = 1.4
+"""The same after a faster start, without the start itself."""
+
+START_SHARE = 1 / 3
+"""Part of the least travel that a faster start takes over: how far the flow has developed is a matter of travel, not of
+time (docs/validation/levers.md)."""
+
+AFTER_START = 0.5
+"""Travel after a faster start that is not averaged, in Sauter diameters: speeds follow the plate's at once, contacts
+within some strain of the bed."""
 
 RESERVE = 2.0
 """`auto` over the time that an error is expected to need: a run ends when it is reached."""
 
 ROOM = 8.0
-"""Room for the plate over the shortest sensible run: it costs nothing but empty cells of LIGGGHTS' bins."""
+"""Room for the plate over the least travel: it costs nothing but empty cells of LIGGGHTS' bins."""
 
 MOST_SEGMENTS = 1024
 """Segments that fill the room: a segment is one interval between snapshots, or more of them where that would make more
@@ -40,20 +51,24 @@ segments than this, so that memory and disk that their sums take do not grow wit
 
 @dataclass(frozen=True)
 class Duration:
-    """How long a run lasts; times in s of simulated time.
+    """How long a run lasts; times in s of simulated time at the plate's final speed.
 
     Parameters
     ----------
-    time : of production, at the most
+    time : of production, at the most, a faster start not counted
     least : the shortest that is expected to give a field
     expected : what the error asked for is expected to need; 0 where none is asked for
-    room : what the box has room for
+    room : in which the plate would sink through all the room that the box has
+    start_travel : of the plate in a faster start, what is not averaged after it included [m]; 0 without one
+    longest : that the room leaves after the start
     """
 
     time: float
     least: float
     expected: float
     room: float
+    start_travel: float
+    longest: float
 
     @property
     def needed(self) -> float:
@@ -70,7 +85,13 @@ class Duration:
 
 
 def duration(
-    given: float | None, error: float | None, speed: float, ratio: float, filled: float, diameter: float
+    given: float | None,
+    error: float | None,
+    speed: float,
+    ratio: float,
+    filled: float,
+    diameter: float,
+    faster_start: bool = False,
 ) -> Duration:
     """Choose or judge the time of production.
 
@@ -82,15 +103,23 @@ def duration(
     ratio : free area of the widest section over that of the outlet
     filled : volume of the vessel over the outlet's area [m]
     diameter : Sauter diameter of the particles [m]
+    faster_start : the plate sinks faster at first
     """
-    least = max(LEAST_TRAVEL * diameter * ratio, LEAST_TURNOVER * filled) / speed
-    travel = 0.0 if error is None else TRANSIENT * (NOISE / error) ** 2
-    expected = travel * diameter * ratio / speed
+    travel = least_travel(ratio, filled, diameter)
+    start = START_SHARE * travel + AFTER_START * diameter if faster_start else 0.0
+    least = (1 - START_SHARE if faster_start else 1.0) * travel / speed
+    averaged = 0.0 if error is None else (NOISE / error) ** 2 * diameter * ratio / speed
+    expected = (STEADY if faster_start else TRANSIENT) * averaged
     chosen = two_digits_up(max(least, RESERVE * expected))
-    time, room = chosen if given is None else given, two_digits_up(ROOM * least)
-    while room < time:
+    time, room = chosen if given is None else given, two_digits_up(ROOM * travel / speed)
+    while room < time + start / speed:
         room *= 2
-    return Duration(time, least, expected, room)
+    return Duration(time, least, expected, room, start, room - start / speed)
+
+
+def least_travel(ratio: float, filled: float, diameter: float) -> float:
+    """Plate travel [m] of the shortest run that is expected to give a field, its transient included; see `duration`."""
+    return max(LEAST_TRAVEL * diameter * ratio, LEAST_TURNOVER * filled)
 
 
 def dumps_per_segment(room: float, interval: float) -> int:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +102,16 @@ class FlowLimits:
     fall: float
     brink: float
 
+    def at_pace(self, pace: float) -> FlowLimits:
+        """The same where everything flows so many times faster."""
+        return replace(
+            self,
+            loads={name: pace * load for name, load in self.loads.items()},
+            flow=pace * self.flow,
+            speed=pace * self.speed,
+            flow_energy=pace**2 * self.flow_energy,
+        )
+
 
 def check_balance(before: int, status: Status, fallen: int = 0) -> None:
     """RunError unless particles present before, inserted and discharged since make those present now.
@@ -149,8 +159,14 @@ class FlowHealth:
         self.settings, self.case, self.vessel = settings, case, vessel
         self.present, self.fallen = present, fallen
         self.mass = case.material.density * settings.classes.mean_volume
-        self.energy = _mean_energy(vessel, case.material.density, present * self.mass)
-        self.burst = _burst_energy(settings, vessel, case.material.density, present * self.mass)
+        density, bed = case.material.density, present * self.mass
+        self.energy = _mean_energy(vessel, density, bed)
+        self.start_energy = _mean_energy(vessel.at_pace(settings.pace), density, bed)
+        # what the bed has from a faster start may last as long as a fall through all of it
+        height = settings.wall_top - settings.lowest
+        started = settings.start_steps > 0
+        self.calm_from = settings.start_steps + started * math.ceil(_fall_time(height) / settings.time_step)
+        self.burst = _burst_energy(settings, vessel, density, bed)
         self.fed = _Fed(settings)
         self.drift = _Mean(round(settings.classes.sauter_diameter / (vessel.speed * settings.time_step)))
         self.passing = _Passing(settings, vessel)
@@ -164,7 +180,10 @@ class FlowHealth:
         """
         check_balance(self.present, status, self.fallen)
         fed = self.fed.energy(status)
-        specific = _check_energy(status, self.mass, PEAK_ENERGY * self.energy + self.burst + fed, "flow and falls")
+        energy = self.energy if status.step >= self.calm_from else self.start_energy
+        specific = _check_energy(status, self.mass, PEAK_ENERGY * energy + self.burst + fed, "flow and falls")
+        if status.step < self.calm_from:
+            return
         mean = self.drift.add(status.step, specific - fed)
         limit = MEAN_ENERGY * self.energy
         if mean > limit:
@@ -208,8 +227,7 @@ class FlowHealth:
         settings = self.settings
         x, y, z = snapshot.position.T
         r = self.vessel.measure.across(x, y)
-        plate = settings.plate_z - settings.plate_speed * settings.time_step * snapshot.step
-        below = z < (settings.lowest if settings.open_outlet else plate)
+        below = z < (settings.lowest if settings.open_outlet else settings.plate_level(snapshot.step))
         gone = below & settings.open_outlet  # on its way out of the box
         outside = np.flatnonzero((~self.vessel.inside(r, z) | below | (z > settings.wall_top)) & ~gone)
         if len(outside):
@@ -318,8 +336,7 @@ class _Passing:
     """Solids that pass every opening while the plate sinks; ArchError where an arch holds them up."""
 
     def __init__(self, settings: Settings, vessel: FlowLimits) -> None:
-        self.vessel, self.names = vessel, list(vessel.levels)
-        self.step_travel = vessel.speed * settings.time_step  # [m]
+        self.settings, self.vessel, self.names = settings, vessel, list(vessel.levels)
         self.levels = np.array(list(vessel.levels.values()))
         areas = np.array([vessel.areas[name] for name in self.names])
         # plate travel [m] by which the solids should have gone down by ARCH_TRAVEL diameters in each opening
@@ -334,8 +351,8 @@ class _Passing:
         before, self.last = self.last, now
         if before is None:
             return
-        travel = (now[0] - before[0]) * self.step_travel
-        moving = before[0] * self.step_travel >= self.moves_from
+        travelled, until_now = (self.vessel.speed * self.settings.paced(step) for step in (before[0], now[0]))
+        travel, moving = until_now - travelled, travelled >= self.moves_from
         self.passed.append((travel, np.array([travel * moving, self._between(before, now) * moving])))
         while sum(t for t, _ in self.passed) - self.passed[0][0] >= self.windows.max():
             self.passed.popleft()
@@ -361,13 +378,15 @@ class _Passing:
                     f"{volume[enough, one] / imposed:.1%} of the imposed flow has passed the {self.names[one]}, at "
                     f"least {ARCH_FLOW:.0%} must"
                 )
-                raise ArchError(seen, self._remedy(self.names[one]), float(self.levels[one]))
+                raise ArchError(seen, self._remedy(self.names[one], step), float(self.levels[one]))
 
-    def _remedy(self, name: str) -> str:
+    def _remedy(self, name: str, step: int) -> str:
         smaller = "smaller particles (material.size, dem.coarse_grain_factor), or a wider opening"
-        if (load := self.vessel.loads[name]) > FREE_SHARE:
+        starting = step <= self.settings.start_steps
+        vessel = self.vessel.at_pace(self.settings.pace) if starting else self.vessel
+        if (load := vessel.loads[name]) > FREE_SHARE:
             return (
                 f"the plate takes {load:.0%} of the free discharge there: it is too fast, or an arch holds the solids "
-                f"up; use a smaller dem.plate_speed, {smaller}"
+                f"up; use a smaller dem.{'start_speed' if starting else 'plate_speed'}, {smaller}"
             )
         return f"an arch holds the solids up; use {smaller}"

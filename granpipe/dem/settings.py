@@ -13,7 +13,15 @@ from typing import Protocol
 from granpipe.case.contact import Contact
 from granpipe.case.schema import Case
 from granpipe.dem import contact
-from granpipe.dem.duration import LEAST_TRAVEL, LEAST_TURNOVER, Duration, dumps_per_segment, duration
+from granpipe.dem.duration import (
+    AFTER_START,
+    LEAST_TRAVEL,
+    LEAST_TURNOVER,
+    START_SHARE,
+    Duration,
+    dumps_per_segment,
+    duration,
+)
 from granpipe.dem.sizes import SizeClasses, size_classes
 from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
@@ -31,6 +39,15 @@ BEVERLOO_SHARE = 0.1
 MOST_BEVERLOO = 1.5
 """The same at the most: a plate that sinks faster leaves the solids behind. Beverloo is good to 10 %, and below a cone
 more falls."""
+
+START_BEVERLOO_SHARE = 0.5
+"""The same for the start speed: in the test reactor the flow developed alike at 0.37 and 0.55, later at 0.73."""
+
+MOST_START_SHARE = 0.6
+"""The same for a start speed of the case: beyond it the run is marked."""
+
+LEAST_START_GAIN = 1.5
+"""Start speed over the final one, at least: less saves nothing."""
 
 FEED = 8.0
 """Speed of new particles over that of the bed at the inlet: loose as they are, they must outrun the bed they top up."""
@@ -168,6 +185,9 @@ class Settings:
     rayleigh_time : of the smallest particle [s]
     time_step : [s]
     plate_speed : downwards [m/s]; 0 with an open outlet
+    start_speed : of the plate in the first segments [m/s]
+    start_segments : segments at the start speed, where it is faster; 0 without a faster start
+    segments_left_out : segments that are not averaged, whatever is in them: those of a faster start and some after it
     inlet_speed : of the bed at the inlet [m/s]
     open_outlet : the bed discharges freely
     feed_bottom, feed_top : levels between which particles are inserted [m]
@@ -189,6 +209,9 @@ class Settings:
     rayleigh_time: float
     time_step: float
     plate_speed: float
+    start_speed: float
+    start_segments: int
+    segments_left_out: int
     inlet_speed: float
     open_outlet: bool
     feed_bottom: float
@@ -221,9 +244,32 @@ class Settings:
         return self.steps * self.time_step
 
     @property
+    def pace(self) -> float:
+        """Start speed over the final one."""
+        return self.start_speed / self.plate_speed if self.start_segments else 1.0
+
+    @property
+    def start_steps(self) -> int:
+        """Steps at the start speed."""
+        return self.start_segments * self.segment_steps
+
+    @property
+    def average_from(self) -> float:
+        """Time of production before which nothing is averaged [s]."""
+        return self.segments_left_out * self.segment_steps * self.time_step
+
+    def paced(self, step: int) -> float:
+        """Time [s] in which the bed moves as far at its final speed as it does up to a step of production."""
+        return (step + (self.pace - 1) * min(step, self.start_steps)) * self.time_step
+
+    def plate_level(self, step: int) -> float:
+        """Level of the plate at a step of production [m]."""
+        return self.plate_z - self.plate_speed * self.paced(step)
+
+    @property
     def lowest(self) -> float:
         """Level below which no particle gets in the time of this run [m]."""
-        return self.plate_z - self.plate_speed * self.duration - _below_plate(self.classes, self.open_outlet)
+        return self.plate_level(self.steps) - _below_plate(self.classes, self.open_outlet)
 
 
 def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
@@ -247,15 +293,23 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     stress = vessel.bed_stress(level, plate_z, PACKING * case.material.density, case.contact.wall.friction)
     youngs, youngs_choice = _youngs_modulus(case, stress)
     speed, speed_choice = _flow_speed(case, vessel, classes, stress)
+    start = _faster_start(case, vessel, classes, speed)
     inlet_speed = speed * vessel.outlet_area / vessel.inlet_area
-    fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + speed
+    fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + (
+        start.most if start else speed
+    )
     step, rayleigh, step_choice = _time_step(case, classes, youngs, fall, skin)
-    length = _length(case, vessel, classes, speed)
+    length = _length(case, vessel, classes, speed, start is not None)
     plate_speed = 0.0 if open_outlet else speed
-    travel = plate_speed * length.time
+    travel = plate_speed * length.time + length.start_travel
     dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))
     per_segment = dumps_per_segment(length.room, step * dump_every)
-    segments = max(1, round(length.time / (step * dump_every * per_segment)))
+    segment_time = step * dump_every * per_segment
+    start_segments, left_out, start_speed = 0, 0, speed
+    if start is not None:
+        after = AFTER_START * classes.sauter_diameter
+        start_segments, start_speed = start.over(length.start_travel - after, segment_time)
+        left_out = start_segments + math.ceil(after / (speed * segment_time) - 1e-9)
     ends = vessel.inlet_area * reservoir + vessel.outlet_area * (clearance + 0.5 * travel)
     particles = round(PACKING * (vessel.volume + ends) / classes.mean_volume)
     return Settings(
@@ -264,6 +318,9 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         rayleigh_time=rayleigh,
         time_step=step,
         plate_speed=plate_speed,
+        start_speed=start_speed,
+        start_segments=start_segments,
+        segments_left_out=left_out,
         inlet_speed=inlet_speed,
         open_outlet=open_outlet,
         feed_bottom=level - feed / 2,  # half its height is filled when the bed is topped up
@@ -274,7 +331,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         skin=skin,
         dump_every=dump_every,
         segment_steps=dump_every * per_segment,
-        segments=segments,
+        segments=left_out + max(1, round(length.time / segment_time)),
         length=length,
         ranks=_ranks(case, particles, cores),
         particles=particles,
@@ -286,6 +343,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
             step_choice,
             Decision("neighbour skin", f"{skin:.3g} m", f"{SKIN:g} of the mean diameter"),
             speed_choice,
+            *([start.decision(start_speed)] if start else []),
             _time_choice(case, length),
         ),
     )
@@ -472,7 +530,56 @@ def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStr
     return speed, Decision("plate_speed", f"{speed:.3g} m/s", criterion, breach)
 
 
-def _length(case: Case, vessel: Vessel, classes: SizeClasses, speed: float) -> Duration:
+@dataclass(frozen=True)
+class _Start:
+    """A faster start of the plate.
+
+    Parameters
+    ----------
+    most : speed that it has at the most [m/s]
+    free : speed at which free discharge through the narrowest opening would move the plate [m/s]
+    opening : name of that opening
+    """
+
+    most: float
+    free: float
+    opening: str
+
+    def over(self, travel: float, segment_time: float) -> tuple[int, float]:
+        """Number of whole segments [s], and the speed [m/s], at which the plate sinks so far [m]."""
+        segments = math.ceil(travel / (self.most * segment_time) - 1e-9)
+        return segments, travel / (segments * segment_time)
+
+    def decision(self, speed: float) -> Decision:
+        criterion = (
+            f"at most {START_BEVERLOO_SHARE:.0%} of the free discharge (Beverloo) at the {self.opening}, in whole "
+            f"segments, for {START_SHARE:.2g} of the least travel; it and {AFTER_START:g} particle diameters after it "
+            "are not averaged"
+        )
+        share = speed / self.free
+        breach = "" if share <= MOST_START_SHARE else f"{share:.2g} of free discharge: the solids lag behind"
+        return Decision("start_speed", f"{speed:.3g} m/s", criterion, breach)
+
+
+def _faster_start(case: Case, vessel: Vessel, classes: SizeClasses, speed: float) -> _Start | None:
+    """The start before the plate's final speed [m/s]; None where a faster one gains nothing or is not wanted."""
+    if case.dem.outlet == "open":
+        return None
+    given = case.dem.start_speed
+    free, name = _least(vessel, lambda o, s: free_flow(o, classes.mean_diameter) / (s * vessel.outlet_area))
+    most = START_BEVERLOO_SHARE * free if given == "auto" else float(given)
+    if most < LEAST_START_GAIN * speed:
+        return None
+    if most > MOST_BEVERLOO * free:
+        raise CaseError(
+            f"{most:.3g} m/s is {most / free:.2g} times what falls freely through the {name} (Beverloo): the plate "
+            f"would leave the solids behind; at most {MOST_START_SHARE * free:.2g} m/s, or auto",
+            key=("dem", "start_speed"),
+        )
+    return _Start(most, free, name)
+
+
+def _length(case: Case, vessel: Vessel, classes: SizeClasses, speed: float, faster_start: bool) -> Duration:
     """Time of production, for a mean speed in the outlet [m/s]."""
     outlet, given = vessel.outlet_area, case.dem.max_time
     return duration(
@@ -482,17 +589,18 @@ def _length(case: Case, vessel: Vessel, classes: SizeClasses, speed: float) -> D
         vessel.widest / outlet,
         vessel.volume / outlet,
         classes.sauter_diameter,
+        faster_start,
     )
 
 
 def _time_choice(case: Case, length: Duration) -> Decision:
     criterion = (
-        f"{LEAST_TRAVEL:g} particle diameters in the widest section, {LEAST_TURNOVER:g} of the content: "
-        f"{length.least:.3g} s"
+        f"{LEAST_TRAVEL:g} particle diameters in the widest section, {LEAST_TURNOVER:g} of the content"
+        f"{', the start taken off' if length.start_travel else ''}: {length.least:.3g} s"
     )
     if (error := case.dem.statistical_error) is not None:
         criterion += f"; an error of {error:.3g} is expected to need {length.expected:.3g} s"
-    criterion += f"; up to {length.room:.3g} s a longer time continues the run"
+    criterion += f"; up to {length.longest:.3g} s a longer time continues the run"
     return Decision("max_time", f"{length.time:.4g} s", criterion, warning=length.warning)
 
 

@@ -109,7 +109,7 @@ def steady_segments(segments: Sequence[Sums], plan: Plan) -> list[Sums]:
     ------
     DataError : no segment begins after the start that the case gives
     """
-    steady = after_transient(segments, plan.case)
+    steady = after_transient(segments, plan)
     if plan.set_back is None:
         return steady
     return within_drawn(steady, plan.grid, plan.outline.inside_fraction(plan.grid))
@@ -117,11 +117,21 @@ def steady_segments(segments: Sequence[Sums], plan: Plan) -> list[Sums]:
 
 def in_solid(segments: Sequence[Sums], plan: Plan) -> float:
     """Largest part of a level's flow that passes it in the drawn solid, after the transient."""
-    return share_in_solid(after_transient(segments, plan.case), plan.outline.inside_fraction(plan.grid))
+    return share_in_solid(after_transient(segments, plan), plan.outline.inside_fraction(plan.grid))
 
 
-def after_transient(segments: Sequence[Sums], case: Case) -> list[Sums]:
-    """The segments of each run from the start that the case gives, or from one that suits its data."""
+def after_transient(segments: Sequence[Sums], plan: Plan) -> list[Sums]:
+    """The segments of each run from the start that the case gives, or from one that suits its data.
+
+    Raises
+    ------
+    DataError : no segment begins after a faster start, or after the start that the case gives
+    """
+    earliest = plan.dem.average_from
+    segments = [sums for sums in segments if sums.start >= earliest * (1 - 1e-9)]
+    if not segments:
+        raise DataError(f"no segment begins after the faster start, which ends at {earliest:.3g} s")
+    case = plan.case
     runs = [[sums for sums in segments if sums.run == run] for run in sorted({sums.run for sums in segments})]
     return [sums for run in runs for sums in _from_start(run, case)]
 

@@ -101,7 +101,7 @@ class Story:
 
 def no_field(reason: str, plan: Plan, productions: Sequence[Production], segments: Sequence[Sums]) -> NoFieldError:
     """The error of a run whose segments give no field, for a reason that the averaging told."""
-    one_run = [sums for sums in segments if sums.run == segments[0].run]
+    one_run = _at_final_speed([sums for sums in segments if sums.run == segments[0].run], plan.dem)
     levels = _levels(one_run, _plate_flow(plan))
     cause, text = diagnose(one_run, levels, plan.simulated, plan.dem)
     return NoFieldError(reason, Story(plan, tuple(productions), reason, cause, text, levels))
@@ -111,7 +111,8 @@ def held_up(error: ArchError, plan: Plan, productions: Sequence[Production], seg
     """The error of a run that was stopped because hardly anything passed an opening any more."""
     level = int(np.abs(segments[0].grid.z_edges - error.z).argmin())
     by_run = groupby(segments, key=lambda sums: sums.run)
-    worst = min((list(run) for _, run in by_run), key=lambda run: float(np.mean(run[-1].level_flow[:, level])))
+    runs = [_at_final_speed(list(run), plan.dem) for _, run in by_run]
+    worst = min(runs, key=lambda run: float(np.mean(run[-1].level_flow[:, level])))
     levels = _levels(worst, _plate_flow(plan))
     text = f"{error.remedy}; hardly any pass it since {_since(worst, level, levels):.3g} s"
     told = NoFieldError(error.seen, Story(plan, tuple(productions), error.seen, "arch", text, levels))
@@ -150,7 +151,7 @@ def _arch(levels: Levels, level: int, since: float, outline: Outline, settings: 
 
 def _too_short(segments: Sequence[Sums], levels: Levels, settings: Settings) -> str:
     """How long the run should be."""
-    ran = segments[-1].stop
+    ran = _ran(segments)
     needed = time_needed(segments, levels)
     if needed > MOST_MORE * ran:
         needed, sure = MOST_MORE * ran, "at least "
@@ -164,13 +165,23 @@ def _too_short(segments: Sequence[Sums], levels: Levels, settings: Settings) -> 
     )
 
 
+def _at_final_speed(segments: list[Sums], settings: Settings) -> list[Sums]:
+    """The segments of one run after a faster start; all where it did not get beyond that."""
+    return [sums for sums in segments if sums.start >= settings.average_from * (1 - 1e-9)] or segments
+
+
+def _ran(segments: Sequence[Sums]) -> float:
+    """Time of production without a faster start [s], which is what `dem.max_time` counts."""
+    return segments[-1].stop - segments[0].start
+
+
 def time_needed(segments: Sequence[Sums], levels: Levels) -> float:
     """Time [s] after which what gathers should be within the gate of the storage.
 
     From its decrease between the two halves of the run, which is taken as exponential; where it does not decrease, as
     1/t: a certain volume that is filled once.
     """
-    limit, ran, half = STORAGE.high, segments[-1].stop, max(1, len(segments) // 2)
+    limit, ran, half = STORAGE.high, _ran(segments), max(1, len(segments) // 2)
     early, late = (_storage(part) / levels.flow for part in (segments[:half], segments[half:] or segments))
     if late <= limit:
         return 1.3 * ran  # the average has only to begin later

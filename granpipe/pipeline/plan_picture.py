@@ -47,7 +47,7 @@ def planned(plan: Plan) -> Planned:
         sections={n: (s.z_top, s.z_bottom, simulated(s.z_top, s.z_bottom)) for n, s in ranges.items()},
         openings={one.name: (one.z, one.r_inner, one.r_outer) for one in find_openings(outline)},
         feed=None if dem is None else (dem.feed_bottom, dem.feed_top),
-        plate=None if dem is None or dem.open_outlet else (dem.plate_z, dem.plate_z - dem.plate_speed * dem.duration),
+        plate=None if dem is None or dem.open_outlet else (dem.plate_z, dem.plate_level(dem.steps)),
         surfaces=free_surfaces(outline, repose) if outline.measure.axial else [],
         repose=repose,
     )

@@ -187,6 +187,8 @@ def plan_summary(plan: Plan) -> dict[str, Any]:
             "time_step_s": dem.time_step,
             "youngs_modulus_pa": dem.youngs_modulus,
             "plate_speed_m_per_s": dem.plate_speed,
+            "start_speed_m_per_s": dem.start_speed if dem.start_segments else dem.plate_speed,
+            "averaged_from_s_at_the_earliest": dem.average_from,
             "production_s": dem.duration,
             "steps": dem.steps,
             "segments": dem.segments,

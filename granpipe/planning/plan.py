@@ -420,20 +420,29 @@ class _Scene:
         return Decision("facets per turn", str(turn.facets), criterion, breach)
 
     def _check_duration(self, settings: Settings) -> None:
-        if self.case.homogenize.method == "psi" and settings.segments < LEAST_SEGMENTS:
+        averaged = settings.segments - settings.segments_left_out
+        if self.case.homogenize.method == "psi" and averaged < LEAST_SEGMENTS:
             segment = settings.segment_steps * settings.time_step
-            steps = LEAST_SEGMENTS * settings.segment_steps
+            steps = (settings.segments_left_out + LEAST_SEGMENTS) * settings.segment_steps
             raise CaseError(
-                f"{settings.length.time:g} s is {settings.segments} segments of {segment:.3g} s; the ψ fit needs "
+                f"{settings.length.time:g} s is {averaged} segments of {segment:.3g} s; the ψ fit needs "
                 f"{LEAST_SEGMENTS}: simulate {LEAST_SEGMENTS * segment:.2g} s or more, which takes about "
                 f"{duration_text(self._seconds(settings, steps))} to compute, or set homogenize.method: gaussian",
                 ("dem", "max_time"),
             )
         start = self.case.homogenize.start
-        if start != "auto" and start >= settings.length.time:
+        if start == "auto":
+            return
+        if start >= settings.duration:
             raise CaseError(
-                f"must be below the time of production, which is {settings.length.time:g} s: give a longer "
+                f"must be below the time of production, which is {settings.duration:.4g} s: give a longer "
                 "dem.max_time, or leave the start out",
+                ("homogenize", "start"),
+            )
+        if start < settings.average_from * (1 - 1e-9):
+            raise CaseError(
+                f"lies in the faster start, which ends at {settings.average_from:.4g} s: give a later time, leave it "
+                f"out, or do without that start by dem.start_speed: {settings.plate_speed:.3g} m/s",
                 ("homogenize", "start"),
             )
 
