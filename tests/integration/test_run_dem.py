@@ -73,7 +73,7 @@ def test_another_smoothing_reruns_no_dem(finished: tuple[Path, Path]) -> None:
 
 def test_a_faster_plate_settles_no_new_bed_if_the_box_still_fits(finished: tuple[Path, Path]) -> None:
     case, results = finished
-    changes = {"dem.plate_speed": "0.015", "dem.max_time": "2.4", "name": "slow"}
+    changes = {"dem.plate_speed": "0.015", "dem.start_speed": "0.015", "dem.max_time": "2.4", "name": "slow"}
     _, seen = run(read_case(case, changes), results)
     assert distinct(seen)[:3] == ["walls: done before", "settle: done before", "produce"]
 

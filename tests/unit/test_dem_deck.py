@@ -24,6 +24,9 @@ def deck_of(case: Case) -> Deck:
     return make_deck(case, settings, frusta, meshes, ((-plan.outline.r_max, plan.outline.r_max),) * 2)
 
 
+FASTER = {"dem.start_speed": "auto", "homogenize.start": "auto"}
+
+
 def deck_with(tiny: Path, **overrides: str) -> Deck:
     return deck_of(load_case(tiny, {key.replace("__", "."): value for key, value in overrides.items()}))
 
@@ -82,6 +85,18 @@ def test_an_open_outlet_has_a_catcher_and_no_sinking_plate(tiny: Path) -> None:
 
 def test_the_plate_sinks_at_the_plates_speed(tiny: Path) -> None:
     assert "move/mesh mesh plate linear 0.0 0.0 -0.03" in render(deck_with(tiny), "produce.in")
+
+
+def test_a_plate_with_a_faster_start_changes_its_speed_at_a_segment_and_nothing_else(tiny: Path) -> None:
+    settings = make_plan(load_case(tiny, FASTER)).dem
+    text = render(deck_with(tiny, **{key.replace(".", "__"): value for key, value in FASTER.items()}), "produce.in")
+    change, move = settings.start_segments + 1, "all move/mesh mesh plate linear 0.0 0.0"
+    start, final = f"fix starting {move} {-settings.start_speed:.10g}", f"fix sinking {move} -0.03"
+    assert f'if              "${{first}} <= {change}" then "{start}" else "{final}"' in text
+    assert f'if              "${{segment}} == {change}" then "unfix starting" "{final}"' in text
+    lines = [line for line in text.splitlines() if "move/mesh" not in line and "plate sinks" not in line]
+    plain = render(deck_with(tiny), "produce.in").splitlines()
+    assert lines == [line for line in plain if "move/mesh" not in line and "plate sinks" not in line]
 
 
 def test_the_box_holds_the_plates_whole_travel(tiny: Path) -> None:

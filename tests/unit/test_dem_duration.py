@@ -34,3 +34,14 @@ def test_a_given_time_is_kept_and_warned_about_below_nine_tenths_of_what_is_need
 def test_segments_are_one_interval_or_as_many_as_keep_them_within_1024() -> None:
     assert dumps_per_segment(102.4, 0.1) == 1
     assert dumps_per_segment(102.6, 0.1) == 2
+
+
+def test_a_faster_start_takes_a_third_of_the_least_travel_over_and_the_room_holds_it() -> None:
+    """Twelve diameters of a tenth of a metre are the least: 0.4 m of them, and half a diameter that is not averaged."""
+    found = duration(None, 0.05, speed=1.0, ratio=2.0, filled=1.0, diameter=0.1, faster_start=True)
+    assert found.start_travel == pytest.approx(0.4 + 0.05)
+    assert found.least == pytest.approx(0.8)
+    assert found.expected == pytest.approx(1.4 * 4 * 0.1 * 2)  # (0.1/0.05)² diameters in a section of twice the area
+    assert (found.room, found.longest) == (pytest.approx(9.6), pytest.approx(9.6 - 0.45))
+    assert duration(9.5, None, 1.0, 2.0, 1.0, 0.1, faster_start=True).room == pytest.approx(2 * 9.6)
+    assert duration(9.5, None, 1.0, 2.0, 1.0, 0.1).room == pytest.approx(9.6)

@@ -90,7 +90,7 @@ def test_free_fall_while_filling_is_no_blow_up_and_more_than_that_is(tiny: Path)
 
 
 def test_a_lot_of_fed_particles_may_fall_onto_a_bed_that_hardly_moves(tiny: Path) -> None:
-    slow = {"dem__plate_speed": "1e-5"}
+    slow = {"dem__plate_speed": "1e-5", "dem__start_speed": "1e-5"}
     fall = 9.81 * 0.08 * 20 / 120  # J/kg: twenty of them, from the top of the feed region
     with pytest.raises(RunError, match="unstable"):
         health(tiny, **slow).row(status(100, energy=fall))
@@ -226,3 +226,48 @@ def test_what_falls_through_an_open_outlet_and_is_taken_out_has_passed_it(tiny: 
     stuck = (snapshot(number * steps, spheres) for number in range(12, 24))
     with pytest.raises(RunError, match="arch"):
         list(map(watch.snapshot, stuck))
+
+
+FASTER = {"dem__start_speed": "auto", "homogenize__start": "auto"}
+
+
+def test_a_bed_in_a_faster_start_may_have_that_speeds_energy_and_must_calm_down_after_it(tiny: Path) -> None:
+    watch = health(tiny, **FASTER)
+    settings = watch.settings
+    change, fall = settings.start_steps, math.sqrt(2 * (settings.wall_top - settings.lowest) / 9.81)
+    energy = 3 * watch.energy + (watch.start_energy - watch.energy)  # of the bed at the start speed, and more
+    for step in range(0, change + 1, 100):
+        watch.row(status(step, energy=energy))
+    late = range(change + math.ceil(fall / settings.time_step), settings.steps, 100)
+    with pytest.raises(RunError, match=r"heats up|unstable"):
+        list(map(watch.row, (status(step, energy=energy) for step in late)))
+    with pytest.raises(RunError, match="unstable"):
+        watch.row(status(0, energy=100.0))
+
+
+def test_the_plate_is_where_both_its_speeds_have_brought_it(tiny: Path) -> None:
+    watch = health(tiny, **FASTER)
+    settings = watch.settings
+    for step in (settings.start_steps // 2, settings.start_steps, settings.steps):
+        fast = min(step, settings.start_steps)
+        level = settings.plate_z - settings.time_step * (settings.start_speed * fast + SPEED * (step - fast))
+        watch.snapshot(snapshot(step, np.array([[0.0, 0.0, level + 1e-6]])))
+        with pytest.raises(RunError, match="outside the walls"):
+            watch.snapshot(snapshot(step, np.array([[0.0, 0.0, level - 1e-6]])))
+
+
+def test_an_arch_in_a_faster_start_names_the_speed_of_the_start(tiny: Path) -> None:
+    """Free discharge through the throat moves the plate at 0.029 m/s."""
+    throat = {
+        "outline__wall": "[[6, 30], [6, 20], [3, 15], [3, 10], [6, 10], [6, 0]]",
+        "outline__sections": "{all: [30, 0]}",
+        "material__size": "{diameter: 1 cm}",
+        "dem__coarse_grain_factor": "2",
+        "dem__plate_speed": "0.002",
+        "dem__start_speed": "0.0175",
+    }
+    watch = health(tiny, **FASTER | throat)
+    steps = round(0.002 / (watch.settings.start_speed * watch.settings.time_step))  # a tenth of a diameter
+    still = (snapshot(number * steps, column(low=0.11, high=0.3)) for number in range(40))
+    with pytest.raises(RunError, match=r"the plate takes 5\d% of the free discharge .* smaller dem\.start_speed"):
+        list(map(watch.passing.add, still))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import subprocess
 import sys
@@ -177,6 +178,53 @@ def test_the_time_chosen_moves_the_widest_section_by_six_diameters_and_grows_wit
     ]
     assert times[0] == plan.dem.length.time
     assert times[2] == pytest.approx(4 * times[1], rel=0.1)
+
+
+FREE = 0.58 * math.sqrt(9.81) * (0.12 - 1.4 * 0.02) ** 2.5 / (math.pi * 0.06**2)
+"""Speed of the tiny case's plate [m/s] at free discharge, after Beverloo."""
+
+FASTER = {"dem__start_speed": "auto", "homogenize__start": "auto"}
+
+
+def test_a_faster_start_is_half_of_free_discharge_in_whole_segments_over_a_third_of_the_least_travel(
+    tiny: Path,
+) -> None:
+    plan = plan_of(tiny, **FASTER)
+    dem = plan.dem
+    segment = dem.segment_steps * dem.time_step
+    assert dem.start_segments == math.ceil(0.04 / (0.5 * FREE * segment))
+    assert dem.start_speed * dem.start_segments * segment == pytest.approx(0.04, rel=1e-9)  # 2 of 6 diameters
+    after = (dem.segments_left_out - dem.start_segments) * segment * dem.plate_speed
+    assert 0.01 - 1e-9 <= after < 0.01 + segment * dem.plate_speed
+    assert dem.plate_level(dem.steps) > dem.bottom
+    assert plan.notes == plan_of(tiny).notes
+
+
+def test_a_very_slow_plate_starts_in_one_segment_that_is_not_too_long(tiny: Path) -> None:
+    dem = plan_of(tiny, **FASTER, dem__plate_speed="1e-5", dem__max_time="auto").dem
+    assert dem.start_segments == 1
+    assert dem.plate_z - dem.plate_level(dem.start_steps) == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("changes", [{"dem__plate_speed": "0.08", "dem__start_speed": "0.1"}, {"dem__outlet": "open"}])
+def test_without_gain_or_without_a_plate_there_is_no_faster_start(tiny: Path, changes: dict[str, str]) -> None:
+    dem = plan_of(tiny, **FASTER | changes).dem
+    assert (dem.start_segments, dem.segments_left_out, dem.pace) == (0, 0, 1.0)
+
+
+def test_a_start_beyond_what_the_solids_can_follow_is_marked_or_refused(tiny: Path) -> None:
+    assert not any("start_speed" in breach for breach in plan_of(tiny, **FASTER).breaches)
+    marked = plan_of(tiny, **FASTER | {"dem__start_speed": f"{FREE:.4g}"}).breaches
+    assert any("of free discharge: the solids lag behind" in breach for breach in marked)
+    with pytest.raises(CaseError, match=r"dem\.start_speed.*1\.6 times what falls freely"):
+        plan_of(tiny, **FASTER | {"dem__start_speed": f"{1.6 * FREE:.4g}"})
+
+
+def test_an_average_that_would_begin_in_the_faster_start_is_refused(tiny: Path) -> None:
+    with pytest.raises(CaseError, match=r"homogenize\.start.*lies in the faster start.*dem\.start_speed: 0\.03"):
+        plan_of(tiny, **FASTER | {"homogenize__start": "0.1 s"})
+    late = plan_of(tiny, **FASTER | {"homogenize__start": "1 s"}).dem
+    assert late.average_from < 1
 
 
 def test_a_time_that_is_too_short_is_told_with_a_better_one_which_is_not(tiny: Path) -> None:
