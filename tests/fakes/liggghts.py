@@ -48,11 +48,13 @@ class Bed:
             return float(found[1]) if found else default
 
         self.radius = number(r"radius constant (\S+)")
-        self.speed = -number(r"move/mesh mesh plate linear 0\.0 0\.0 (\S+)", 0.0)
+        self.speed = -number(r"fix\s+sinking all move/mesh mesh plate linear 0\.0 0\.0 ([^\s\"]+)", 0.0)
+        self.start_speed = -number(r"fix\s+starting all move/mesh mesh plate linear 0\.0 0\.0 ([^\s\"]+)", 0.0)
+        self.start_segments = int(number(r"\{segment\} == (\d+)", 1)) - 1
         self.step_time = number(r"timestep\s+(\S+)")
         self.thermo = int(number(r"thermo\s+(\d+)"))
         self.dump = int(number(r"dump\s+snapshots all custom (\d+)", 0))
-        self.segment = int(number(r"label\s+segments\nrun\s+(\d+)", 0))
+        self.segment = int(number(r"label\s+segments\n(?:if .*\n)?run\s+(\d+)", 0))
         feed = re.search(r"region\s+feed cylinder z 0\.0 0\.0 (\S+) (\S+) (\S+)", deck)
         lows = re.findall(r"region\s+fill\d+ cylinder z 0\.0 0\.0 \S+ (\S+)", deck)
         self.top = 0.5 * (float(feed[2]) + float(feed[3]))
@@ -63,21 +65,27 @@ class Bed:
         inside = np.hypot(x, y) <= float(feed[1])
         self.layer = np.column_stack([x[inside], y[inside]])
 
+    def travel(self, step: int) -> float:
+        """Of the plate, which may be faster in the first segments."""
+        fast = min(step, self.start_segments * self.segment)
+        return self.step_time * (self.start_speed * fast + self.speed * (step - fast))
+
     def layers(self, step: int) -> int:
         """How many have entered by then."""
-        travel = self.speed * self.step_time * step
+        travel = self.travel(step)
         return int((self.top - self.floor) / self.spacing) + int(travel / self.spacing + 1e-9)
 
     def particles(self, step: int) -> np.ndarray:
         """Rows of a snapshot."""
         count, per = self.layers(step), len(self.layer)
-        travel = self.speed * self.step_time * step
+        travel = self.travel(step)
         values = np.empty((count * per, 9))
         values[:, 0] = np.arange(1, len(values) + 1)
         values[:, 1] = 1
         values[:, 2:4] = np.tile(self.layer, (count, 1))
         values[:, 4] = self.floor + self.radius + np.repeat(np.arange(count), per) * self.spacing - travel
-        values[:, 5:8] = 0.0, 0.0, -self.speed
+        fast = 0 < step <= self.start_segments * self.segment
+        values[:, 5:8] = 0.0, 0.0, -(self.start_speed if fast else self.speed)
         values[:, 8] = self.radius
         return values
 

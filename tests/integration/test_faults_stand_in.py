@@ -26,6 +26,7 @@ from granpipe.case.reader import read_case
 from granpipe.dem import run as run_module
 from granpipe.errors import GranpipeError
 from granpipe.field import Field
+from granpipe.planning.plan import make_plan
 
 
 @pytest.fixture(autouse=True)
@@ -480,3 +481,22 @@ def test_a_file_in_the_way_is_one_message(tiny: Path, tmp_path: Path) -> None:
     assert "Traceback" not in said
     assert "results" in said.splitlines()[-1]
     assert (tmp_path / "results").read_text() == "mine"
+
+
+def test_a_run_that_is_cut_in_its_faster_start_at_its_end_or_after_it_ends_as_if_unbroken(
+    tiny: Path, tmp_path: Path
+) -> None:
+    case = read_case(tiny, {"dem.start_speed": "auto", "homogenize.start": "auto"})
+    run(case, tmp_path / "unbroken")
+    segments_at_start = make_plan(case.case).dem.start_segments
+    assert segments_at_start >= 3
+    for last in (segments_at_start - 1, segments_at_start, segments_at_start + 3):
+        results = tmp_path / f"cut-{last}"
+        with pytest.MonkeyPatch.context() as faulty:
+            faulty.setenv("FAKE_LIGGGHTS", f"early@{last + 1}")
+            with pytest.raises(GranpipeError):
+                run(case, results)
+        assert len(segments(results)) == last
+        _, stages = run(case, results)
+        assert produced(stages) == f"produce: continues after segment {last} of {make_plan(case.case).dem.segments}"
+        assert_same_field(results, tmp_path / "unbroken")

@@ -259,15 +259,15 @@ def test_the_plate_is_where_both_its_speeds_have_brought_it(tiny: Path) -> None:
 def test_an_arch_in_a_faster_start_names_the_speed_of_the_start(tiny: Path) -> None:
     """Free discharge through the throat moves the plate at 0.029 m/s."""
     throat = {
-        "outline__wall": "[[6, 30], [6, 20], [3, 15], [3, 10], [6, 10], [6, 0]]",
-        "outline__sections": "{all: [30, 0]}",
+        "outline__wall": "[[6, 90], [6, 20], [3, 15], [3, 10], [6, 10], [6, 0]]",
+        "outline__sections": "{all: [90, 0]}",
         "material__size": "{diameter: 1 cm}",
         "dem__coarse_grain_factor": "2",
         "dem__plate_speed": "0.002",
-        "dem__start_speed": "0.0175",
+        "dem__start_speed": "0.0234",
     }
     watch = health(tiny, **FASTER | throat)
     steps = round(0.002 / (watch.settings.start_speed * watch.settings.time_step))  # a tenth of a diameter
     still = (snapshot(number * steps, column(low=0.11, high=0.3)) for number in range(40))
-    with pytest.raises(RunError, match=r"the plate takes 5\d% of the free discharge .* smaller dem\.start_speed"):
+    with pytest.raises(RunError, match=r"the plate takes 6\d% of the free discharge .* smaller dem\.start_speed"):
         list(map(watch.passing.add, still))
