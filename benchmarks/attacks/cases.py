@@ -46,7 +46,7 @@ BED: Case = {
     "contact": {"friction": 0.5, "rolling_friction": 0.1},
     "flow_rate": "0.1 kg/s",
     "model": "dem",
-    "dem": {"max_time": "1.2 s", "plate_speed": "0.03 m/s", "ranks": 1},
+    "dem": {"max_time": "1.2 s", "plate_speed": "0.03 m/s", "start_speed": "0.03 m/s", "ranks": 1},
     "homogenize": {"start": "0.4 s", "method": "gaussian"},
     "export": ["comsol"],
 }

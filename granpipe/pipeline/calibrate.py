@@ -27,7 +27,7 @@ _COLUMN = {
     "contact": {"youngs_modulus": 1e6},
     "flow_rate": "1 kg/h",
     "model": "dem",
-    "dem": {"plate_speed": 0.05, "max_time": 0.4},
+    "dem": {"plate_speed": 0.05, "start_speed": 0.05, "max_time": 0.4},
 }
 
 

@@ -235,6 +235,7 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
         "dem.coarse_grain_factor": "1",
         "dem.walls": "as_drawn",
         "dem.plate_speed": "auto",
+        "dem.start_speed": "auto",
         "dem.max_time": "auto",
         "homogenize.start": "auto",
     }
@@ -246,6 +247,7 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
         "dem.walls": "as_drawn",
         "dem.coarse_grain_factor": f"{max(1.0, _narrowness(fine) / _narrowness(model)):.4g}",
         "dem.plate_speed": "auto",
+        "dem.start_speed": "auto",
         "dem.max_time": "auto",
     }
     plan = make_plan(varied(case, changes))
