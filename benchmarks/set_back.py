@@ -43,8 +43,8 @@ material:
 contact: {{youngs_modulus: {modulus:g} Pa, friction: 0.5, rolling_friction: 0.1, wall: {{friction: {friction:g}}}}}
 flow_rate: 0.2 kg/s
 model: dem
-dem: {{coarse_grain_factor: {factor:g}, replicas: {replicas}, plate_speed: {speed:g} m/s, max_time: {time:g} s,
-  reservoir_height: {reservoir:g} mm, ranks: 1, walls: {walls}}}
+dem: {{coarse_grain_factor: {factor:g}, replicas: {replicas}, plate_speed: {speed:g} m/s, start_speed: {speed:g} m/s,
+  max_time: {time:g} s, reservoir_height: {reservoir:g} mm, ranks: 1, walls: {walls}}}
 homogenize: {{cell: {cell:g} mm, start: {start:g} s}}
 """
 
