@@ -19,6 +19,9 @@ LEAST_BLOCKS = 7
 _BATCH = 5  # MSER-5
 _REACH = 1.0  # diameters: correlation times are seen through a Gaussian of this width
 _LEAST_CORRELATED = 0.25  # samples, as a correlation time
+_LEAST_WINDOW = (
+    8  # lags: to 0.8 diameters of travel where blocks are shortest; what flowed too much has come back at 1.6
+)
 _MOST_CORRELATED = 1 / 3  # of the samples, as a correlation time: longer ones cannot be told from a trend
 
 
@@ -90,9 +93,7 @@ def standard_error(values: Array, effective: Array | float | None = None) -> Arr
 def effective_samples(values: Array, run: NDArray[np.int64]) -> float:
     """How many independent samples fix a mean as well as these n correlated ones: n/τ; above n where they alternate.
 
-    τ = 1 + 2 Σ (1 − k/n) ρ_k, the sum in pairs of neighbouring lags up to the first pair that is not positive (Geyer
-    1992, initial positive sequence), of all columns together. Deviations from the samples' own mean lack that mean's
-    variance, γ₀ τ/n, which is given back.
+    τ is that of all columns together (`_correlation_time`).
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ def effective_samples(values: Array, run: NDArray[np.int64]) -> float:
     deviation = values - values.mean(axis=0)
     products = deviation @ deviation.T
     same = run[:, None] == run
-    lagged = [np.diagonal(products, lag)[np.diagonal(same, lag)] for lag in range(count)]
+    lagged = [np.diagonal(products, lag)[np.diagonal(same, lag)] for lag in range(count // 2)]
     covariance = np.array([pairs.mean() for pairs in lagged if pairs.size])
     if len(covariance) < 2:
         return float(count)
@@ -170,18 +171,26 @@ def local_errors(values: Array, run: NDArray[np.int64], grid: Grid, diameter: fl
 
 
 def _correlation_time(covariance: Array, count: int) -> Array:
-    """(…) τ from the covariances (lags, …) of `count` samples; 1 where nothing varies."""
-    covariance = covariance[: len(covariance) // 2 * 2]
-    variance = np.where(covariance[0] > 0, covariance[0], 1.0)
-    share = (1 - np.arange(len(covariance)) / count).reshape(-1, *[1] * (covariance.ndim - 1))
-    time = np.ones(covariance.shape[1:])
-    for _ in range(30):
-        lost = variance * time / (count - time)
-        correlation = share * (covariance + lost) / (variance + lost)
-        paired = correlation.reshape(-1, 2, *covariance.shape[1:]).sum(axis=1)
-        positive = np.logical_and.accumulate(paired > 0, axis=0)
-        positive[0] = True
-        time = np.clip(2 * (paired * positive).sum(axis=0) - 1, _LEAST_CORRELATED, _MOST_CORRELATED * count)
+    """(…) τ from the covariances (lags, …) of `count` samples; 1 where nothing varies.
+
+    τ = 1 + 2 Σ w_k (1 − k/n) ρ_k, with w 1 up to lag m and falling to 0 at 2m (the flat-top window of Politis & Romano
+    1995): unlike one that ends where ρ turns negative, it counts what comes back, and unlike means of long blocks it
+    has no error of the order 1/m. m is the least that is not below `_LEAST_WINDOW` and 2 τ itself (as Sokal's rule
+    does it), as long as 2m lags are known. Covariances about the samples' own mean lack that mean's variance, γ₀ τ/n;
+    with it, ρ_k is [γ_k/γ₀ (n − τ) + τ]/n, and the equation is linear in τ.
+    """
+    lag = np.arange(len(covariance))
+    seen = covariance / np.where(covariance[0] > 0, covariance[0], 1.0)
+    most = max(len(covariance) // 2, 1)
+    time, short = np.ones(covariance.shape[1:]), np.ones(covariance.shape[1:], dtype=bool)
+    for width in range(min(_LEAST_WINDOW, most), most + 1):
+        weight = np.clip(2 - lag / width, 0, 1) * (1 - lag / count)
+        total = np.tensordot(weight, seen, axes=1)
+        found = (2 * total - 1) / (1 - 2 * (weight.sum() - total) / count)
+        time = np.where(short, np.clip(found, _LEAST_CORRELATED, _MOST_CORRELATED * count), time)
+        short = short & (width < 2 * time)
+        if not short.any():
+            break
     return np.where(covariance[0] > 0, time, 1.0)
 
 

@@ -39,7 +39,7 @@ def test_intervals_hold_the_mean_of_the_other_seeds_as_often_as_they_say(fields,
     flowing = np.abs(flux.mean(axis=0)) > 0.05 * speed
     share = np.sqrt(1 + 1 / (len(fields) - 1))  # the others' mean has an error, too
     held = [
-        (np.abs(flux[i] - np.delete(flux, i, axis=0).mean(axis=0)) <= share * stats.t.ppf(0.975, count - 1) * se[i])[
+        (np.abs(flux[i] - np.delete(flux, i, axis=0).mean(axis=0)) <= share * stats.t.ppf(0.975, count / 3) * se[i])[
             flowing
         ].mean()
         for i, (_, count) in enumerate(fields)

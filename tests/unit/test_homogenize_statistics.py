@@ -109,9 +109,47 @@ def test_effective_samples_of_a_series_with_memory_are_what_its_correlation_says
     rng = np.random.default_rng(4)
     lag = np.arange(1, count)
     true = count / (1 + 2 * ((1 - lag / count) * memory**lag).sum())
-    warmed = [[autoregressive(rng, count + 50, memory)[50:] for _ in range(40)] for _ in range(30)]
+    warmed = [[autoregressive(rng, count + 50, memory)[50:] for _ in range(40)] for _ in range(60)]
     counted = [effective_samples(np.array(columns).T, np.zeros(count, dtype=int)) for columns in warmed]
-    assert np.median(counted) == pytest.approx(true, rel=0.1)
+    assert 1 / np.mean(1 / np.array(counted)) == pytest.approx(true, rel=0.1)  # variances go with the inverse
+
+
+def moving(rng, count, columns, weights):
+    """(count, columns) sums of white noise over the last samples; the variance of their mean is known exactly."""
+    noise = rng.normal(size=(count + len(weights) - 1, columns))
+    return sum(w * noise[len(weights) - 1 - k : len(weights) - 1 - k + count] for k, w in enumerate(weights))
+
+
+def variance_of_mean(count, weights):
+    """Each white number enters the sum of `count` neighbours by the weights that still reach it."""
+    full = np.convolve(np.ones(count), weights)
+    return float((full**2).sum()) / count**2
+
+
+@pytest.mark.parametrize(
+    ("weights", "count", "ratio"),
+    [
+        ([1.0], 8, (0.94, 1.06)),
+        ([1.0], 64, (0.96, 1.04)),
+        ([1.0, 0.2, -0.15, -0.15, -0.1, -0.1, -0.05], 64, (0.9, 1.04)),  # what flowed too much comes back over 7 lags
+        ([1.0, 0.2, -0.15, -0.15, -0.1, -0.1, -0.05], 30, (0.88, 1.04)),
+        ([1.0, 0.2, -0.15, -0.15, -0.1, -0.1, -0.05], 10, (0.6, 1.0)),  # too short to see all: on the safe side
+        ([1.0, 1.0, 1.0, 1.0], 64, (0.94, 1.06)),
+        ([1.0, -0.5], 64, (0.85, 1.04)),
+    ],
+)
+def test_errors_of_series_with_any_memory_are_those_of_their_mean(weights, count, ratio):
+    """Scatter over claimed error, and how often the 95 % interval holds the mean, which is 0; 12 places alike."""
+    rng, claimed, held = np.random.default_rng(11), [], []
+    for _ in range(150):
+        values = moving(rng, count, 12, weights)
+        effective = effective_samples(values, np.zeros(count, dtype=int))
+        error = standard_error(values, effective)
+        claimed.append(np.mean(error**2))
+        held.append(np.abs(values.mean(axis=0)) <= stats.t.ppf(0.975, min(effective, count) - 1) * error)
+    found = np.sqrt(variance_of_mean(count, weights) / np.mean(claimed))
+    assert ratio[0] <= found <= ratio[1]
+    assert 0.93 <= np.mean(held) <= (0.97 if ratio[0] > 0.87 else 1.0)
 
 
 def test_local_effective_samples_are_those_of_each_place():

@@ -86,7 +86,7 @@ def test_random_points_agree_with_the_homogenizer_on_moving_spheres() -> None:
 def test_error_bars_of_independent_noise_hold() -> None:
     rng, data = np.random.default_rng(3), {}
     for seed in range(6):
-        data[seed] = {"effective": 30.0, "speed": 1.0}
+        data[seed] = {"effective": 29 / error_bars.FREEDOM, "speed": 1.0}
         for name in error_bars.NAMES:
             data[seed][name] = 1 + 0.1 * rng.standard_normal((40, 40))
             data[seed][f"{name}_se"] = 0.1 * np.sqrt(rng.chisquare(29, (40, 40)) / 29)
@@ -94,6 +94,7 @@ def test_error_bars_of_independent_noise_hold() -> None:
         ratio, held = error_bars.measured(data, name)
         assert ratio == pytest.approx(1, abs=0.05)
         assert held == pytest.approx(0.95, abs=0.015)
+        assert error_bars.freedom(data, name) == pytest.approx(29, rel=0.5)  # of six only, whose median lies higher
 
 
 def test_zhou_is_the_published_formula_with_arms_in_millimetres() -> None:
