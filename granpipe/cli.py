@@ -225,7 +225,7 @@ def plan(case: Path, overrides: Mapping[str, str], picture: Path | None) -> None
     from granpipe.pipeline.run import plan_case
     from granpipe.planning.plan import model_plans, other_rheology
     from granpipe.planning.text import plan_text
-    from granpipe.planning.vessel_text import contents_text, vessel_text
+    from granpipe.planning.vessel_text import planned_vessel_text
     from granpipe.system.cores import usable_cores
     from granpipe.system.rates import known_rates
 
@@ -234,7 +234,7 @@ def plan(case: Path, overrides: Mapping[str, str], picture: Path | None) -> None
         click.echo(f"note: {note}")
     made = plan_case(file, cores)
     click.echo(plan_text(made, model_plans(file.case, cores), other_rheology(file.case, cores), known_rates()))
-    click.echo(f"\n{vessel_text(made.outline)}\n{contents_text(made)}")
+    click.echo(f"\n{planned_vessel_text(made)}")
     click.echo(draw_plan(made, picture or case.with_suffix(".plan.png")))
 
 
@@ -244,12 +244,12 @@ def plan(case: Path, overrides: Mapping[str, str], picture: Path | None) -> None
 def check(case: Path, overrides: Mapping[str, str]) -> None:
     """Check whether CASE is valid, without running it."""
     from granpipe.pipeline.run import plan_case
-    from granpipe.planning.vessel_text import contents_text, vessel_text
+    from granpipe.planning.vessel_text import planned_vessel_text
     from granpipe.system.cores import usable_cores
 
     file = _read(case, overrides)
     made = plan_case(file, usable_cores())
-    click.echo(f"{vessel_text(made.outline)}\n{contents_text(made)}")
+    click.echo(planned_vessel_text(made))
     for warning in (*file.notes, *file.library, *made.warnings, *made.breaches):
         click.echo(f"note: {warning}")
     click.echo(f"{case}: valid")

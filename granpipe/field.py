@@ -209,6 +209,38 @@ class Frustum:
 
 
 @dataclass(frozen=True)
+class Boxes:
+    """Upright blocks in space, one beside or below the other.
+
+    Parameters
+    ----------
+    blocks : ends along x, along y and along z of each [m]
+    """
+
+    blocks: tuple[tuple[float, ...], ...]
+
+    @property
+    def z_low(self) -> float:
+        """[m]."""
+        return min(block[4] for block in self.blocks)
+
+    @property
+    def z_high(self) -> float:
+        """[m]."""
+        return max(block[5] for block in self.blocks)
+
+    @property
+    def volume(self) -> float:
+        """[m³]."""
+        return sum((b - a) * (d - c) * (f - e) for a, b, c, d, e, f in self.blocks)
+
+    def cut(self, low: float, high: float) -> Boxes:
+        """The part of them between two heights [m]."""
+        parts = ((*block[:4], max(block[4], low), min(block[5], high)) for block in self.blocks)
+        return Boxes(tuple(part for part in parts if part[4] < part[5]))
+
+
+@dataclass(frozen=True)
 class Grid:
     """A uniform grid of annular cells.
 

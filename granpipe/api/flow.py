@@ -313,7 +313,9 @@ class Flow:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpaceFlow:
-    """Flow in space, averaged from dumps (``granpipe homogenize --plane xyz``), at the scale of the dumps.
+    """Flow in space: of a case with a ``vessel``, or averaged from dumps (``granpipe homogenize --plane xyz``).
+
+    At the flow rate of the process, or, without a case, at the scale of the dumps.
 
     Values are linear between the middles of the cells that hold solids, and NaN in those that hold none. Velocities are
     bulk velocities U = F/φ_ref in SI.

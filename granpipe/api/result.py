@@ -39,7 +39,7 @@ class Result:
     ----------
     folder : the results folder
     case : the case with every default filled in; None where dumps were averaged without one
-    field : the flow at the flow rate of the process; a `SpaceFlow` where dumps were averaged in space
+    field : the flow at the flow rate of the process; a `SpaceFlow` in space
     model : ``"dem"``, ``"fluid"`` or ``"hybrid"``; None where nothing was run
     gates : quality gates: measured figures with their limits
     figures : what else was measured, by name, as in ``provenance.json``
@@ -138,7 +138,7 @@ def load_result(folder: str | PathLike[str]) -> Result:
         verify(folder, "field.npz", *(name for name in _READ if name in listed))
     stored = Field.load(folder / "field.npz")
     case = _case_in(folder) if "case.yaml" in listed else None
-    outline = None if case is None else Outline.from_case(case)
+    outline = None if case is None or case.vessel is not None else Outline.from_case(case)
     if outline is not None:
         check_vessel(stored, outline, folder / "field.npz")
     field = SpaceFlow(stored) if len(stored.grid.shape) == 3 else Flow(stored, outline)

@@ -16,7 +16,7 @@ Point = tuple[float, float]
 Polygon = tuple[Point, ...]
 Regime = Literal["mass_flow", "funnel_flow", "undecided"]
 SectionModel = Literal["fluid", "dem"]
-Symmetry = Literal["axis", "plane"]
+Symmetry = Literal["axis", "plane", "space"]
 Up = Literal["x", "-x", "y", "-y", "z", "-z"]
 SLAB = ("left", "right", "depth")
 """Keys of a slab."""
@@ -101,7 +101,8 @@ class OutlineSpec(Group):
         default="axis",
         description="`axis`: a body of revolution, given by `wall`. `plane`: a slab between two walls that are alike "
         "all along y, as a hopper with a slot, given by `left`, `right` and `depth`; it is "
-        "computed by particles or as a viscous fluid, or averaged from your own dumps.",
+        "computed by particles or as a viscous fluid, or averaged from your own dumps. `space` is what granpipe writes "
+        "beside a `vessel`, which gives the walls then.",
     )
     wall: Annotated[Polygon | None, Points(at_least=2)] = Field(
         default=None,
@@ -165,7 +166,7 @@ class OutlineSpec(Group):
 
     @model_validator(mode="after")
     def _walls_of_its_symmetry(self) -> OutlineSpec:
-        needed = ("wall",) if self.symmetry == "axis" else SLAB
+        needed = {"axis": ("wall",), "plane": SLAB, "space": ()}[self.symmetry]
         for key in ("wall", *SLAB):
             given = getattr(self, key) is not None
             if key in needed and not given:

@@ -17,6 +17,7 @@ from granpipe.case.outline import DRAWING_KEYS, SLAB, DrawingSpec, OutlineSpec
 from granpipe.case.overrides import override
 from granpipe.case.renamed import refuse_renamed
 from granpipe.case.schema import Case
+from granpipe.case.vessel import with_vessel
 from granpipe.case.yamlfile import Places, read_yaml
 from granpipe.errors import CaseError
 
@@ -88,6 +89,7 @@ def resolve(
     for key, text in (overrides or {}).items():
         override(data, places, key, text)
     refuse_renamed(data, places)
+    with_vessel(data, places, folder)
     notes = with_drawing(data, places, folder)
     taken = with_material(data, places)
     try:
@@ -124,6 +126,8 @@ def schema_json() -> str:
     outline, drawing = groups["$defs"][OutlineSpec.__name__], DrawingSpec.model_json_schema()["properties"]
     outline["properties"] |= {key: drawing[key] for key in DrawingSpec.model_fields if key in DRAWING_KEYS}
     outline["anyOf"] = [{"required": keys} for keys in (["wall"], ["file"], list(SLAB))]
+    groups["required"].remove("outline")
+    groups["anyOf"] = [{"required": ["outline"]}, {"required": ["vessel"]}]
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _for_editors(groups)
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
 

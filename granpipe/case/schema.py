@@ -14,6 +14,7 @@ from granpipe.case.outline import OutlineSpec
 from granpipe.case.simulation import Dem, Homogenize
 from granpipe.case.units import MASS_FLOW, VOLUME_FLOW, Dimension
 from granpipe.case.values import Flow, Group, Name, OneOf, SomeOf, refuse
+from granpipe.case.vessel import VesselSpec
 from granpipe.case.yamlfile import dump_yaml
 
 Model = Literal["auto", "fluid", "dem", "hybrid"]
@@ -45,8 +46,10 @@ class Case(Group):
 
     name: Annotated[str, Name()] = Field(description="Name of the case; results go to a folder of this name.")
     outline: OutlineSpec = Field(
-        description="The vessel's inside: half of its section through the axis, or the section of a slab."
+        description="The vessel's inside: half of its section through the axis, or the section of a slab. Not beside "
+        "`vessel`."
     )
+    vessel: VesselSpec | None = Field(default=None, description="The vessel's walls in space, in place of `outline`.")
     material: Material = Field(description="The granular material.")
     contact: Contact = Field(
         default_factory=Contact,
@@ -73,6 +76,12 @@ class Case(Group):
 
     @model_validator(mode="after")
     def _consistent(self) -> Case:
+        if (self.outline.symmetry == "space") != (self.vessel is not None):
+            refuse("`space` stands beside a `vessel` only: give its walls there", ("outline", "symmetry"))
+        if self.vessel is not None and (extra := self.outline.model_fields_set - {"symmetry", "unit"}):
+            given = sorted(name for name in extra if getattr(self.outline, name))
+            if given:
+                refuse("a vessel in space has none of these; leave it out", ("outline", given[0]), show_value=False)
         for name, section in self.outline.sections.items():
             if self.model in ("fluid", "dem") and section.model not in (None, self.model):
                 refuse(

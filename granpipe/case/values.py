@@ -22,6 +22,7 @@ from granpipe.errors import KeyPath
 MAX_INTEGER = 2**31 - 1
 MAX_POINTS = 10_000  # of one wall or obstacle
 MAX_COORDINATE = 1e4  # m
+_MOST_ANY_UNIT = 1e9  # coordinates in whatever unit
 
 
 def refuse(message: str, key: KeyPath = (), show_value: bool = True) -> NoReturn:
@@ -230,6 +231,26 @@ class Points(Kind):
     def schema(self) -> dict[str, Any]:
         point = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
         return {"type": "array", "items": point, "minItems": self.at_least}
+
+
+class Place(Kind):
+    """A point [x, y, z] as plain numbers in the vessel's unit."""
+
+    def read(self, value: Any) -> tuple[float, float, float]:
+        plain = isinstance(value, (list, tuple)) and len(value) == 3 and all(_is_number(x) for x in value)
+        if not plain or max(abs(x) for x in value) > _MOST_ANY_UNIT:
+            refuse(f"must be {self.accepts()}")
+        x, y, z = map(float, value)
+        return x, y, z
+
+    def write(self, value: Any) -> Any:
+        return list(value)
+
+    def accepts(self) -> str:
+        return "a point [x, y, z] of three plain numbers in `vessel.unit`"
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
 
 
 class Levels(Kind):

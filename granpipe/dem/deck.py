@@ -19,7 +19,7 @@ from granpipe.case.schema import Case
 from granpipe.dem.contact import GRAVITY
 from granpipe.dem.settings import Settings, slab_height
 from granpipe.errors import CaseError
-from granpipe.field import Frustum
+from granpipe.field import Boxes, Frustum
 from granpipe.system.templates import templates
 
 if TYPE_CHECKING:
@@ -39,13 +39,24 @@ _MESH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 class Slab:
     """An insertion region: arguments of LIGGGHTS `region`, the name of its fix and the seed of its insertion.
 
-    It is what lies in `outer` and not in `inner`, or in a slab what lies in both.
+    It is what lies in `outer` and not in `inner`, or in a slab what lies in both; or all of several `blocks`.
     """
 
     name: str
     outer: str
     inner: str
     seed: int
+    blocks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A plate that sinks: name of its mesh, what the names of its fixes end with, and its speeds [m/s]."""
+
+    mesh: str
+    suffix: str
+    speed: float
+    start_speed: float
 
 
 @dataclass(frozen=True)
@@ -104,6 +115,7 @@ class Deck(MaterialDeck):
     plate_speed: float
     start_speed: float
     start_segments: int
+    plates: tuple[Plate, ...]
     catcher_depth: float
     dump_every: int
     segment_steps: int
@@ -112,15 +124,21 @@ class Deck(MaterialDeck):
 
 
 def make_deck(
-    case: Case, settings: Settings, frusta: Iterable[Frustum], obstacles: Iterable[str], sides: tuple[Ends, Ends]
+    case: Case,
+    settings: Settings,
+    pieces: Iterable[Frustum | Boxes],
+    obstacles: Iterable[str],
+    sides: tuple[Ends, Ends],
+    plates: Iterable[str] = ("plate",),
 ) -> Deck:
     """Put a run together.
 
     Parameters
     ----------
-    frusta : insertion slices from the plate to the top of the feed region
+    pieces : insertion slices from the plate to the top of the feed region
     obstacles : names of the obstacle meshes
     sides : ends of x and y between which the walls lie, corners included [m]; those of y are periodic in a slab
+    plates : names of their meshes, of one outlet after the other
 
     Raises
     ------
@@ -128,9 +146,9 @@ def make_deck(
     """
     seeds = _seeds(case.dem.seed)
     classes, wall = settings.classes, case.contact.wall
-    pieces = [piece for frustum in frusta for piece in _split(frustum, slab_height(classes), settings.feed_bottom)]
-    feed = [piece for piece in pieces if piece.z_low >= settings.feed_bottom - 1e-9]
-    bed = [piece for piece in pieces if piece.z_low < settings.feed_bottom - 1e-9]
+    slices = [part for piece in pieces for part in _split(piece, slab_height(classes), settings.feed_bottom)]
+    feed = [part for part in slices if part.z_low >= settings.feed_bottom - 1e-9]
+    bed = [part for part in slices if part.z_low < settings.feed_bottom - 1e-9]
     if not feed or not bed:
         raise CaseError(
             f"particles of up to {2 * classes.largest:.4g} m find no room for insertion between the walls; "
@@ -145,7 +163,7 @@ def make_deck(
         case.contact.restitution,
     )
     rolling = case.contact.rolling_model != "none" and max(case.contact.rolling_friction, wall.rolling_friction) > 0
-    vessel = ("vessel", *map(_mesh_name, obstacles))
+    vessel, plate_meshes = ("vessel", *map(_mesh_name, obstacles)), tuple(map(_mesh_name, plates))
     margin, periodic = 2 * classes.largest, case.outline.symmetry == "plane"
     return Deck(
         contact_model=_contact_model(case, rolling),
@@ -175,8 +193,8 @@ def make_deck(
             for i, (radius, share) in enumerate(zip(classes.radius, classes.number_share, strict=True))
         ),
         sizes_seed=next(seeds),
-        meshes=vessel if settings.open_outlet else (*vessel, "plate"),
-        fill_meshes=(*vessel, "plate"),
+        meshes=vessel if settings.open_outlet else (*vessel, *plate_meshes),
+        fill_meshes=(*vessel, *plate_meshes),
         feed=_slab("feed", feed[0], 0),
         feed_seed=next(seeds),
         feed_speed=settings.feed_speed,
@@ -193,6 +211,10 @@ def make_deck(
         plate_speed=settings.plate_speed,
         start_speed=settings.start_speed,
         start_segments=settings.start_segments,
+        plates=tuple(
+            Plate(mesh, mesh.removeprefix("plate"), settings.plate_speed * part, settings.start_speed * part)
+            for mesh, part in zip(plate_meshes, settings.plates, strict=True)
+        ),
         catcher_depth=4 * classes.largest,
         dump_every=settings.dump_every,
         segment_steps=settings.segment_steps,
@@ -232,8 +254,8 @@ def _mesh_name(name: str) -> str:
     return name
 
 
-def _split(frustum: Frustum, height: float, level: float) -> Iterator[Frustum]:
-    """Cut a frustum into slabs no higher than `height`, and where the feed region begins."""
+def _split(frustum: Frustum | Boxes, height: float, level: float) -> Iterator[Frustum | Boxes]:
+    """Cut a piece into slabs no higher than `height`, and where the feed region begins."""
     cuts = {frustum.z_low, frustum.z_high}
     if frustum.z_low < level < frustum.z_high:
         cuts.add(level)
@@ -245,7 +267,10 @@ def _split(frustum: Frustum, height: float, level: float) -> Iterator[Frustum]:
             yield frustum.cut(a, b)
 
 
-def _slab(name: str, piece: Frustum, seed: int) -> Slab:
+def _slab(name: str, piece: Frustum | Boxes, seed: int) -> Slab:
+    if isinstance(piece, Boxes):
+        blocks = tuple(f"block {' '.join(map(_number, block))}" for block in piece.blocks)
+        return Slab(name, blocks[0], "", seed) if len(blocks) == 1 else Slab(name, "", "", seed, blocks)
     if not piece.measure.axial:
         return Slab(name, *_prisms(piece), seed)
     outer = _region(piece.outer_low, piece.outer_high, piece)

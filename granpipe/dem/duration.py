@@ -122,6 +122,6 @@ def least_travel(ratio: float, filled: float, diameter: float) -> float:
     return max(LEAST_TRAVEL * diameter * ratio, LEAST_TURNOVER * filled)
 
 
-def dumps_per_segment(room: float, interval: float) -> int:
-    """Snapshots in a segment, `interval` [s] apart, for a run that may fill its room [s]."""
-    return max(1, math.ceil(room / interval / MOST_SEGMENTS))
+def dumps_per_segment(room: float, interval: float, most: int = MOST_SEGMENTS) -> int:
+    """Snapshots in a segment, `interval` [s] apart, for a run that may fill its room [s] with so many segments."""
+    return max(1, math.ceil(room / interval / most))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from granpipe.field import Array, Mask, Measure
 FREE_SHARE = 0.5
 """Flow over the free discharge through an opening above which the plate may be too fast for the solids to follow."""
 
-_Column = tuple[int, NDArray[np.int64], Array, Array]  # step, and of each particle: number, height, volume
+_Column = tuple[int, NDArray[np.int64], Array, Array]  # step, and of each particle: number, centre, volume
 
 OVERLAP_MARGIN = 2.0
 """Overlap of touching particles over the limits that the settings aim at, at most."""
@@ -77,8 +77,8 @@ class FlowLimits:
 
     Parameters
     ----------
-    measure : what r is
-    inside : r and heights of centres (n,) [m] → which of them the walls and obstacles allow
+    measure : what r is; None in space
+    inside : centres (n, 3) [m] → which of them the walls and obstacles allow
     levels : name → height [m] of every opening that all must pass
     areas : name → free area of the vessel at it [m²], at most that of the outlet
     loads : name → imposed flow over the free discharge through it
@@ -88,10 +88,13 @@ class FlowLimits:
     elastic_energy : that the bed holds at most [J/kg], and sets free when it sticks and slips
     fall : greatest height of free fall that the flow may take [m]; 0 where it sinks with the plate all the way
     brink : area of the opening that it falls from [m²]
+    shares : name → part of the flow that passes it, where there are several outlets
+    beneath : centres (n, 3) [m] → number of the opening, in the order of `levels`, that each of them goes to; None
+        where all pass every opening
     """
 
-    measure: Measure
-    inside: Callable[[Array, Array], Mask]
+    measure: Measure | None
+    inside: Callable[[Array], Mask]
     levels: Mapping[str, float]
     areas: Mapping[str, float]
     loads: Mapping[str, float]
@@ -101,6 +104,8 @@ class FlowLimits:
     elastic_energy: float
     fall: float
     brink: float
+    shares: Mapping[str, float] = field(default_factory=dict)
+    beneath: Callable[[Array], NDArray[np.int64]] | None = None
 
     def at_pace(self, pace: float) -> FlowLimits:
         """The same where everything flows so many times faster."""
@@ -225,19 +230,25 @@ class FlowHealth:
 
     def _check_place(self, snapshot: Snapshot) -> None:
         settings = self.settings
-        x, y, z = snapshot.position.T
-        r = self.vessel.measure.across(x, y)
+        z = snapshot.position[:, 2]
         below = z < (settings.lowest if settings.open_outlet else settings.plate_level(snapshot.step))
         gone = below & settings.open_outlet  # on its way out of the box
-        outside = np.flatnonzero((~self.vessel.inside(r, z) | below | (z > settings.wall_top)) & ~gone)
+        outside = np.flatnonzero((~self.vessel.inside(snapshot.position) | below | (z > settings.wall_top)) & ~gone)
         if len(outside):
             one = outside[0]
             raise RunError(
                 f"step {snapshot.step}: {len(outside)} particles are outside the walls, none may be; one of them "
-                f"(radius {snapshot.radius[one]:.3g} m) at {self.vessel.measure.letter} = {r[one]:.4g} m, "
-                f"z = {z[one]:.4g} m: they were pressed "
+                f"(radius {snapshot.radius[one]:.3g} m) at {self._place(snapshot.position[one])}: they were pressed "
                 "or shot through; a larger contact.youngs_modulus or a smaller dem.time_step holds them"
             )
+
+    def _place(self, position: Array) -> str:
+        x, y, z = position.tolist()
+        measure = self.vessel.measure
+        across = f"x = {x:.4g} m, y = {y:.4g} m" if measure is None else f"{measure.letter} = "
+        if measure is not None:
+            across += f"{measure.across(position[0], position[1]):.4g} m"
+        return f"{across}, z = {z:.4g} m"
 
     def _check_speed(self, snapshot: Snapshot) -> None:
         settings, parts = self.settings, self.case.contact
@@ -339,15 +350,17 @@ class _Passing:
         self.settings, self.vessel, self.names = settings, vessel, list(vessel.levels)
         self.levels = np.array(list(vessel.levels.values()))
         areas = np.array([vessel.areas[name] for name in self.names])
+        self.shares = np.array([vessel.shares.get(name, 1.0) for name in self.names])
         # plate travel [m] by which the solids should have gone down by ARCH_TRAVEL diameters in each opening
-        self.windows = ARCH_TRAVEL * settings.classes.sauter_diameter * PACKING * vessel.speed / vessel.flow * areas
+        travel = ARCH_TRAVEL * settings.classes.sauter_diameter * PACKING * vessel.speed / vessel.flow
+        self.windows = travel * areas / self.shares
         self.moves_from = DILATION * np.maximum(0.0, self.levels - settings.plate_z)  # plate travel [m]
         self.last: _Column | None = None
         self.passed: deque[tuple[float, Array]] = deque()  # between two snapshots: plate travel; the same while solids
         # move at each level, and the volume through it
 
     def add(self, snapshot: Snapshot) -> None:
-        now = (snapshot.step, snapshot.id, snapshot.position[:, 2].copy(), 4 / 3 * math.pi * snapshot.radius**3)
+        now = (snapshot.step, snapshot.id, snapshot.position.copy(), 4 / 3 * math.pi * snapshot.radius**3)
         before, self.last = self.last, now
         if before is None:
             return
@@ -362,16 +375,19 @@ class _Passing:
         """(levels,) volume that went down through each level, less what went up [m³]."""
         _, i, j = np.intersect1d(before[1], now[1], assume_unique=True, return_indices=True)
         after = np.full(len(before[1]), -np.inf)  # what is gone went down, through the outlet
-        after[i] = now[2][j]
-        above, still_above = before[2] > self.levels[:, None], after > self.levels[:, None]
-        return np.asarray((above.astype(float) - still_above) @ before[3])
+        after[i] = now[2][j, 2]
+        above, still_above = before[2][:, 2] > self.levels[:, None], after > self.levels[:, None]
+        went = above.astype(float) - still_above
+        if self.vessel.beneath is not None:
+            went *= self.vessel.beneath(before[2]) == np.arange(len(self.levels))[:, None]
+        return np.asarray(went @ before[3])
 
     def _check(self, step: int) -> None:
         latest_first = np.array([each for _, each in reversed(self.passed)])
         travel, volume = np.cumsum(latest_first, axis=0).swapaxes(0, 1)  # (snapshots, levels)
         for one in np.flatnonzero(travel[-1] >= self.windows):
             enough = int((travel[:, one] >= self.windows[one]).argmax())
-            imposed = self.vessel.flow / self.vessel.speed * travel[enough, one]
+            imposed = self.shares[one] * self.vessel.flow / self.vessel.speed * travel[enough, one]
             if volume[enough, one] < ARCH_FLOW * imposed:
                 seen = (
                     f"step {step}: over the last {travel[enough, one]:.3g} m of plate travel "

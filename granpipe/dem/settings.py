@@ -17,6 +17,7 @@ from granpipe.dem.duration import (
     AFTER_START,
     LEAST_TRAVEL,
     LEAST_TURNOVER,
+    MOST_SEGMENTS,
     START_SHARE,
     Duration,
     dumps_per_segment,
@@ -118,6 +119,8 @@ class Vessel:
     shares : of the flow that passes each opening
     widest : free area of the widest level [m²]
     measure : what the section stands for
+    plates : speed of the plate in each outlet over the mean speed of the flow through all of them
+    most_segments : that the room for the plate is cut into
     """
 
     wall: tuple[tuple[float, float], ...]
@@ -126,6 +129,8 @@ class Vessel:
     shares: tuple[float, ...]
     widest: float
     measure: Measure = ROUND
+    plates: tuple[float, ...] = (1.0,)
+    most_segments: int = MOST_SEGMENTS
 
     @property
     def top(self) -> float:
@@ -184,7 +189,8 @@ class Settings:
     youngs_modulus : of the particles [Pa]
     rayleigh_time : of the smallest particle [s]
     time_step : [s]
-    plate_speed : downwards [m/s]; 0 with an open outlet
+    plate_speed : downwards [m/s]; 0 with an open outlet; with several outlets the mean over their area
+    plates : speed of the plate in each outlet over that
     start_speed : of the plate in the first segments [m/s]
     start_segments : segments at the start speed, where it is faster; 0 without a faster start
     segments_left_out : segments that are not averaged, whatever is in them: those of a faster start and some after it
@@ -227,6 +233,7 @@ class Settings:
     ranks: int
     particles: int
     decisions: tuple[Decision, ...]
+    plates: tuple[float, ...] = (1.0,)
 
     @property
     def steps(self) -> int:
@@ -263,8 +270,8 @@ class Settings:
         return (step + (self.pace - 1) * min(step, self.start_steps)) * self.time_step
 
     def plate_level(self, step: int) -> float:
-        """Level of the plate at a step of production [m]."""
-        return self.plate_z - self.plate_speed * self.paced(step)
+        """Level of the plate, of the lowest one where there are several, at a step of production [m]."""
+        return self.plate_z - max(self.plates) * self.plate_speed * self.paced(step)
 
     @property
     def lowest(self) -> float:
@@ -303,7 +310,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     plate_speed = 0.0 if open_outlet else speed
     travel = plate_speed * length.time + length.start_travel
     dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))
-    per_segment = dumps_per_segment(length.room, step * dump_every)
+    per_segment = dumps_per_segment(length.room, step * dump_every, vessel.most_segments)
     segment_time = step * dump_every * per_segment
     start_segments, left_out, start_speed = 0, 0, speed
     if start is not None:
@@ -327,7 +334,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         feed_top=level + feed / 2,
         wall_top=level + feed / 2 + 2 * classes.largest,
         plate_z=plate_z,
-        bottom=plate_z - plate_speed * length.room - _below_plate(classes, open_outlet),
+        bottom=plate_z - max(vessel.plates) * plate_speed * length.room - _below_plate(classes, open_outlet),
         skin=skin,
         dump_every=dump_every,
         segment_steps=dump_every * per_segment,
@@ -346,6 +353,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
             *([start.decision(start_speed)] if start else []),
             _time_choice(case, length),
         ),
+        plates=vessel.plates,
     )
 
 

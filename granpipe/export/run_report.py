@@ -79,6 +79,7 @@ FILES = {
     "streamlines.csv": "streamlines with residence times",
     "psi_grid.txt": "stream function on r² (x in a slab) and z, for COMSOL",
     "flow_sectionwise.txt": "velocities on triangles of the solids, for COMSOL",
+    "v_grid.txt": "velocity along y on a grid, for COMSOL",
     "u_grid.txt": "radial (horizontal) velocity on a grid, for COMSOL",
     "w_grid.txt": "vertical velocity on a grid, for COMSOL",
     "phi_grid.txt": "packing on a grid, for COMSOL",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granpipe.export.comsol import spreadsheet
-from granpipe.export.exported import Column, write_lines
+from granpipe.export.exported import Column, numbers, write_lines
 from granpipe.field import Array, Box, Field
 
 if TYPE_CHECKING:
@@ -49,6 +49,19 @@ def write_text(field: Field, folder: Path, *, name: str, date: datetime) -> None
     columns.append(Column("packing", "1", "Solids fraction", packing))
     lines = spreadsheet({"x": x, "y": y, "z": z}, columns, name, date)
     write_lines(folder / "flow_spreadsheet.txt", lines)
+
+
+def write_grid(field: Field, folder: Path) -> None:
+    """Write the Grid format, a file for each component of the bulk velocity and for the packing.
+
+    Values at the middles of the cells: x, y and z on a line each, then a row of all x for each y, and so on for each z.
+    """
+    grid = box_of(field)
+    axes = [numbers(_middles(edges).tolist()) for edges in (grid.r_edges, grid.y_edges, grid.z_edges)]
+    values = {f"{name}_grid": flux * field.velocity_scale for name, flux in zip("uvw", cell_fluxes(field), strict=True)}
+    for name, array in (values | {"phi_grid": _packing(field)}).items():
+        rows = array.reshape(-1, array.shape[-1])
+        write_lines(folder / f"{name}.txt", ["% Grid", *axes, "% Data", *map(numbers, rows.tolist())])
 
 
 def box_of(field: Field) -> Box:

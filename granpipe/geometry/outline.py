@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from granpipe.errors import CaseError
 from granpipe.field import ROUND, Array, Grid, Mask, Measure
 from granpipe.geometry.contacts import AXIS, WALL, Groups, touching_groups
 from granpipe.geometry.edges import Edges, Side
@@ -87,6 +88,8 @@ class Outline:
         CaseError : the outline is not one of a vessel
         """
         spec = case.outline
+        if spec.symmetry == "space":
+            raise CaseError("a vessel in space has no outline: give a case with one", ("vessel",))
         return cls.of(spec.right_wall, spec.obstacles, spec.sections, spec.left, spec.depth)
 
     @property

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granpipe.errors import DataError
-from granpipe.field import Array, Box
+from granpipe.field import Array, Box, Mask
 
 MOST_TRIANGLES = 500_000
 
@@ -22,6 +23,9 @@ _RAYS = 4  # along each side of a cell
 _SHIFTS = ((0.0123, 0.0377), (0.0661, 0.0219), (0.0431, 0.0873))  # of the distance of rays along x and y: where one
 # meets an edge, all are moved
 
+_MOST_COLUMNS = 128  # along x and y, by which triangles above a point are found
+_AT_ONCE = 2_000_000  # pairs of a point and a triangle
+
 Index = NDArray[np.int64]
 
 
@@ -31,12 +35,20 @@ class WallOpening:
 
     Parameters
     ----------
-    z : its height [m]
-    border : (n, 2) corners of its edge in x and y, in order [m]
+    corners : (n, 3) of its edge, in order [m]
     """
 
-    z: float
-    border: Array
+    corners: Array
+
+    @property
+    def z(self) -> float:
+        """Its height [m]."""
+        return float(self.corners[:, 2].mean())
+
+    @property
+    def border(self) -> Array:
+        """(n, 2) corners of its edge in x and y [m]."""
+        return self.corners[:, :2]
 
     @property
     def area(self) -> float:
@@ -52,7 +64,7 @@ class WallOpening:
         return round(float(x), digits) + 0.0, round(float(y), digits) + 0.0  # no −0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class WallMesh:
     """Triangles that enclose the solids, but for level openings at the top and the bottom.
 
@@ -60,11 +72,15 @@ class WallMesh:
     ----------
     triangles : (n, 3, 3) corners, those that close the openings included [m]
     inlets, outlets : openings at the top and at the bottom
+    walls : how many of the triangles are walls; the others, after them, close the openings
+    parts : (walls,) which piece of the walls each of them is of, counted from 0; that with the openings is 0
     """
 
     triangles: Array
     inlets: tuple[WallOpening, ...]
     outlets: tuple[WallOpening, ...]
+    walls: int
+    parts: Index
 
     @classmethod
     def of(cls, points: Array, triangles: Index) -> WallMesh:
@@ -99,13 +115,20 @@ class WallMesh:
                     f"the opening at {where} lies between bottom, z = {low:.4g} m, and top, "
                     f"{high:.4g} m: only openings at the ends are computed; close it"
                 )
-            found[end].append(WallOpening(z, corners[:, :2]))
+            found[end].append(WallOpening(corners))
             middle = np.broadcast_to(corners.mean(axis=0), corners.shape)
             caps.append(np.stack([corners, np.roll(corners, -1, axis=0), middle], axis=1))
         for end, what in (("top", "inlet"), ("bottom", "outlet")):
             if not found[end]:
                 raise DataError(f"no opening at the {end}: the walls must leave the {what} open")
-        return cls(np.concatenate([points[triangles], *caps]), tuple(found["top"]), tuple(found["bottom"]))
+        parts = _parts(triangles, loops)
+        closed = np.concatenate([points[triangles], *caps])
+        return cls(closed, tuple(found["top"]), tuple(found["bottom"]), len(triangles), parts)
+
+    @property
+    def surface(self) -> Array:
+        """(walls, 3, 3) corners of the walls alone [m]."""
+        return self.triangles[: self.walls]
 
     @property
     def ends(self) -> Array:
@@ -130,6 +153,106 @@ class WallMesh:
                 return _filled(grid, ray, z, len(x))
         row, column = divmod(int(odd[0]), len(x))
         raise DataError(f"the walls are not closed above or below x = {x[column]:.4g} m, y = {y[row]:.4g} m")
+
+    def contains(self, points: Array) -> Mask:
+        """(n,) which points (n, 3) lie inside: an odd number of triangles is above them."""
+        found = np.zeros(len(points), dtype=np.int64)
+        triangle, point = self._columns.pairs(points[:, 0] + self._aside[0], points[:, 1] + self._aside[1])
+        for k in range(0, len(point), _AT_ONCE):
+            which, one = point[k : k + _AT_ONCE], triangle[k : k + _AT_ONCE]
+            a, b, c = self.triangles[one].swapaxes(0, 1)
+            p = points[which, :2] + self._aside
+            first, second, own = b[:, :2] - a[:, :2], c[:, :2] - a[:, :2], p - a[:, :2]
+            twice = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+            with np.errstate(divide="ignore", invalid="ignore"):  # upright triangles are above nothing
+                u = (own[:, 0] * second[:, 1] - own[:, 1] * second[:, 0]) / twice
+                v = (own[:, 1] * first[:, 0] - own[:, 0] * first[:, 1]) / twice
+                z = a[:, 2] + u * (b[:, 2] - a[:, 2]) + v * (c[:, 2] - a[:, 2])
+                above = (u >= 0) & (v >= 0) & (u + v < 1) & (z > points[which, 2]) & (twice != 0)
+            found += np.bincount(which[above], minlength=len(points))
+        return np.asarray(found % 2 == 1)
+
+    @cached_property
+    def _columns(self) -> _Columns:
+        return _Columns.of(self.triangles)
+
+    @cached_property
+    def _aside(self) -> Array:
+        """How far points are moved in x and y, so that none lies just below an edge [m]."""
+        return np.array([0.37, 0.61]) * _MERGED * float(np.ptp(self.ends, axis=1).max())
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Which triangles lie above and below each of many equal columns in x and y.
+
+    Parameters
+    ----------
+    low, size : corner of the first column and widths of all [m]
+    count : columns along x and y
+    first : (columns + 1,) where those of each begin in `members`
+    """
+
+    low: Array
+    size: Array
+    count: tuple[int, int]
+    first: Index
+    members: Index
+
+    @classmethod
+    def of(cls, triangles: Array) -> _Columns:
+        flat = triangles[:, :, :2]
+        low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
+        side = int(np.clip(np.sqrt(len(triangles)), 1, _MOST_COLUMNS))
+        size = (high - low) / side
+        ends = flat.min(axis=1), flat.max(axis=1)
+        begin, end = (np.clip(((one - low) / size).astype(np.int64), 0, side - 1) for one in ends)
+        wide, deep = (end - begin + 1).T
+        owner = np.repeat(np.arange(len(triangles)), wide * deep)
+        number = np.arange(len(owner)) - np.repeat(np.cumsum(wide * deep) - wide * deep, wide * deep)
+        column = begin[owner, 0] + number % wide[owner] + side * (begin[owner, 1] + number // wide[owner])
+        order = np.argsort(column, kind="stable")
+        first = np.concatenate([[0], np.cumsum(np.bincount(column, minlength=side * side))])
+        return cls(low, size, (side, side), first.astype(np.int64), owner[order])
+
+    def pairs(self, x: Array, y: Array) -> tuple[Index, Index]:
+        """Triangles and points that share a column."""
+        place = np.floor((np.column_stack([x, y]) - self.low) / self.size).astype(np.int64)
+        there = np.flatnonzero(((place >= 0) & (place < self.count)).all(axis=1))
+        column = place[there, 0] + self.count[0] * place[there, 1]
+        start, length = self.first[column], self.first[column + 1] - self.first[column]
+        number = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
+        return self.members[np.repeat(start, length) + number], np.repeat(there, length)
+
+
+def nearest_opening(openings: Sequence[WallOpening], x: Array, y: Array) -> Index:
+    """Which opening is nearest, seen from above, to points of any one shape [m]."""
+    from shapely import Polygon, distance, points
+
+    places = points(x, y)
+    return np.asarray(np.argmin([distance(Polygon(one.border), places) for one in openings], axis=0))
+
+
+def _parts(triangles: Index, loops: Sequence[Index]) -> Index:
+    """(n,) which connected piece each triangle is of; that of the openings is 0.
+
+    Raises
+    ------
+    DataError : the openings are not those of one piece
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = int(triangles.max()) + 1
+    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, of = connected_components(graph, directed=False)
+    opened = {int(of[loop[0]]) for loop in loops}
+    if len(opened) > 1:
+        raise DataError(f"the walls are {len(opened)} pieces with openings of their own; they must be joined to one")
+    part = of[triangles[:, 0]]
+    others = np.unique(part[part != opened.pop()]) if opened else np.unique(part)
+    return np.asarray(np.where(np.isin(part, others), 1 + np.searchsorted(others, part), 0), dtype=np.int64)
 
 
 def _merged(points: Array, triangles: Index, tolerance: float) -> tuple[Array, Index]:

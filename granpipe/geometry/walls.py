@@ -102,7 +102,7 @@ def build_walls(
         sides=((-radius, radius), (-radius, radius)),
         inward=turn.inward * outline.r_max,
         plate_area=pi * outline.outlet_radius**2,
-        smallest_angle=min(_checked(name, mesh) for name, mesh in meshes.items()),
+        smallest_angle=min(checked_angle(name, mesh) for name, mesh in meshes.items()),
         box=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], axis=1),
     )
 
@@ -126,7 +126,7 @@ def _slab(outline: Outline, top: float, bottom: float, plate_z: float | None, fo
         sides=((outline.r_min, outline.r_max), (0.0, depth)),
         inward=0.0,
         plate_area=outline.outlet_area,
-        smallest_angle=min(_checked(name, mesh) for name, mesh in meshes.items()),
+        smallest_angle=min(checked_angle(name, mesh) for name, mesh in meshes.items()),
         box=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], axis=1),
     )
 
@@ -173,7 +173,7 @@ def _on_axis(points: Array, tolerance: float) -> Array:
     return np.where(points <= [tolerance, -np.inf], [0.0, 0.0], points)
 
 
-def _checked(name: str, corners: Array) -> float:
+def checked_angle(name: str, corners: Array) -> float:
     """Smallest angle of the mesh [rad]; MeshError where LIGGGHTS would not take it."""
     smallest = float(triangle_angles(corners).min())
     if smallest < SMALLEST_ANGLE:

@@ -123,6 +123,11 @@ class Sums:
         """(nz, nr) rate at which solids gather in each cell [m³/s]; 0 where a single snapshot cannot tell."""
         return self.gain / self.duration if self.duration > 0 else np.zeros_like(self.gain)
 
+    @property
+    def row_gain(self) -> Array:
+        """(nz,) volume that each row of cells has gained [m³]."""
+        return np.asarray(self.gain.reshape(len(self.gain), -1).sum(axis=1))
+
     def save(self, path: Path) -> None:
         """Write as ``.npz``."""
         stored: dict[str, Any] = {

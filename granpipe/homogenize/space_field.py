@@ -21,7 +21,7 @@ from granpipe.field import Array, Box, Field, Mask, level_flow, section_rows
 from granpipe.homogenize.assemble import raw_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug
-from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, local_errors
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, local_errors, standard_error
 
 BLOCKS = 2 * LEAST_BLOCKS
 """Blocks that the standard errors rest on, where there are so many segments."""
@@ -44,7 +44,7 @@ class SpaceFitted:
 
     field : the field
     blocks : how many blocks of segments the standard errors rest on; none are given below 7
-    change : √(Σ A δF²/Σ A F²) of the vertical flux, δF what conserving changes
+    change : of the average by conserving, beyond noise, relative
     out : (1 + blocks, ny, nx) solids that leave through the lowest faces, of the whole and of each block [m³/s]
     """
 
@@ -55,7 +55,13 @@ class SpaceFitted:
 
 
 def space_field(
-    segments: Sequence[Sums], inside_fraction: Array, plug: Plug, diameter: float, flow_scale: float = 1.0
+    segments: Sequence[Sums],
+    inside_fraction: Array,
+    plug: Plug,
+    diameter: float,
+    flow_scale: float = 1.0,
+    leaving: Sequence[tuple[Mask, float]] = (),
+    most_blocks: int = BLOCKS,
 ) -> SpaceFitted:
     """Make the average of some segments conserve, and that of each block of them for the standard error.
 
@@ -66,6 +72,8 @@ def space_field(
     plug : packing and flow in the plug
     diameter : particle diameter [m]
     flow_scale : flow of the case over that of the simulation
+    leaving : lowest faces (ny, nx) of each outlet, and its part of the flow, where these are known
+    most_blocks : that the standard errors rest on
 
     Raises
     ------
@@ -78,7 +86,7 @@ def space_field(
     grid = sums.grid
     assert isinstance(grid, Box)
     raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
-    independent = blocks(segments, min(len(segments), BLOCKS))
+    independent = blocks(segments, min(len(segments), most_blocks))
     each, run = [_fluxes(block) for block in independent], np.array([block.run for block in independent])
     faces = _flowing(raw.bulk)
     area = _areas(grid)
@@ -88,17 +96,19 @@ def space_field(
 
     errors = errors_of(each)
     variance = _variances([(a * se) ** 2 for a, se in zip(area, errors, strict=True)], faces, grid, diameter)
-    projection = Projection(raw.bulk, faces, variance)
+    projection = Projection(raw.bulk, faces, variance, [mask for mask, _ in leaving])
+    asked = [share * plug.solids_flow for _, share in leaving]
 
     def conserving(flux: Faces) -> Faces:
-        x, y, z = projection.of((flux[0] * area[0], flux[1] * area[1], flux[2] * area[2]), plug.solids_flow)
+        flow = flux[0] * area[0], flux[1] * area[1], flux[2] * area[2]
+        x, y, z = projection.of(flow, plug.solids_flow, asked)
         return x / area[0], y / area[1], z / area[2]
 
     flux_r, flux_y, flux_z = conserving(_fluxes(sums))
     flow = float(level_flow(flux_z, grid).mean())
     if not flow > 0:
         raise DataError(f"nothing flows down through the vessel: {flow:.3g} m³/s of solids on average")
-    change = float(np.sqrt(((flux_z - sums.mean_flux[1]) ** 2).sum() / (flux_z**2).sum()))
+    change = _change((flux_r, flux_y, flux_z), sums, independent, raw.bulk, diameter)
     field = replace(
         raw, flux_r=flux_r, flux_y=flux_y, flux_z=flux_z, bulk_flow=flow / plug.packing,
         flow_scale=flow_scale * plug.solids_flow / flow,
@@ -137,9 +147,10 @@ class Projection:
     cells : (nz, ny, nx) that solids flow or rest in
     faces : that may carry flow
     variance : of the flow through each [m⁶/s²]
+    outlets : (ny, nx) lowest faces of each outlet whose flow is given, and nothing else leaves there
     """
 
-    def __init__(self, cells: Mask, faces: Sequence[Mask], variance: Faces) -> None:
+    def __init__(self, cells: Mask, faces: Sequence[Mask], variance: Faces, outlets: Sequence[Mask] = ()) -> None:
         import pyamg
 
         self._faces = faces
@@ -156,28 +167,42 @@ class Projection:
                 rows.append(number[here])
                 columns.append(end[here])
                 signs.append(np.full(here.sum(), sign))
+        size = int(cells.sum())
+        for row, mask in enumerate(outlets, start=size):  # what is below an outlet takes in a flow, as a cell does
+            through = place[0][mask & faces[2][0]]
+            rows.append(np.full(len(through), row))
+            columns.append(through)
+            signs.append(np.ones(len(through)))
         entries = (np.concatenate(signs), (np.concatenate(rows), np.concatenate(columns)))
-        self._out = sparse.csr_matrix(entries, (int(cells.sum()), count))  # flow out of each cell
+        self._outlets = len(outlets)
+        self._out = sparse.csr_matrix(entries, (size + len(outlets), count))  # flow out of each cell
         self._variance = np.concatenate([v[f] for v, f in zip(variance, faces, strict=True)])
         self._matrix = (self._out @ sparse.diags(self._variance) @ self._out.T).tocsr()
         coarser = pyamg.smoothed_aggregation_solver(self._matrix, max_coarse=_DIRECT)
         self._preconditioner = coarser.aspreconditioner()
 
-    def of(self, flow: Faces, whole: float) -> Faces:
-        """The flows nearest to these [m³/s]; `whole` is the flow through the vessel.
+    def of(self, flow: Faces, whole: float, leaving: Sequence[float] = ()) -> Faces:
+        """The flows nearest to these [m³/s].
+
+        Parameters
+        ----------
+        whole : the flow through the vessel [m³/s]
+        leaving : what leaves through each of the outlets, downwards [m³/s]
 
         Raises
         ------
         SolveError : a cell does not balance to `BALANCE` of the whole
         """
         kept = np.concatenate([one[f] for one, f in zip(flow, self._faces, strict=True)])
-        left = self._out @ kept
+        given = np.zeros(self._out.shape[0])
+        given[len(given) - self._outlets :] = -np.asarray(leaving)
+        left = self._out @ kept - given
         for _ in range(_MOST_SOLVES):
             if np.abs(left).max(initial=0.0) <= BALANCE * abs(whole):
                 break
             shift, _ = cg(self._matrix, left, rtol=_ROUGH, maxiter=_MOST_STEPS, M=self._preconditioner)
             kept = kept - self._variance * (self._out.T @ shift)
-            left = self._out @ kept
+            left = self._out @ kept - given
         else:
             worst = np.abs(left).max() / abs(whole)
             raise SolveError(
@@ -190,6 +215,31 @@ class Projection:
             at += int(face.sum())
             found.append(values)
         return found[0], found[1], found[2]
+
+
+def _change(final: Faces, sums: Sums, independent: Sequence[Sums], bulk: Mask, diameter: float) -> float:
+    """Relative difference of a field from its raw average, beyond noise, in what is larger than a particle.
+
+    √(max(0, E² − Σ SE² / Σ F²)), as `granpipe.pipeline.averages.smoothing_change`: each level of the raw average is
+    scaled to the field's own flow, and both are seen through a Gaussian of half a particle diameter.
+    """
+    grid, reach = sums.grid, 0.5 * diameter / sums.grid.cell
+    carried, own = (level_flow(flux, grid) for flux in (final[2], sums.mean_flux[1]))
+    scale = np.divide(carried, own, out=np.ones_like(own), where=own > 0)[:, None, None]
+    middle = 0.5 * (scale[1:] + scale[:-1])
+
+    def seen(flux: Faces) -> Array:
+        x, y, z = (ndimage.gaussian_filter(one, reach, mode="constant") for one in flux)
+        parts = x[..., 1:] + x[..., :-1], y[:, 1:] + y[:, :-1], z[1:] + z[:-1]
+        return 0.5 * np.array([part[bulk] for part in parts])
+
+    def scaled(flux: Faces) -> Faces:
+        return flux[0] * middle, flux[1] * middle, flux[2] * scale
+
+    fitted = seen(final)
+    change = float(((fitted - seen(scaled(_fluxes(sums)))) ** 2).sum())
+    noise = float((standard_error(np.array([seen(_fluxes(one)) for one in independent])) ** 2).sum())
+    return float(np.sqrt(max(0.0, change - noise) / max(1e-300, float((fitted**2).sum()))))
 
 
 def _fluxes(sums: Sums) -> Faces:

@@ -160,7 +160,7 @@ def _steady_start(segments: list[Sums]) -> float:
 
 def _net_storage(segments: list[Sums]) -> Array:
     """(n,) largest rate at which solids gather below any level, on average from each segment to the end [m³/s]."""
-    gain = np.cumsum([segment.gain.sum(axis=1) for segment in segments[::-1]], axis=0)[::-1]
+    gain = np.cumsum([segment.row_gain for segment in segments[::-1]], axis=0)[::-1]
     duration = np.cumsum([segment.duration for segment in segments[::-1]])[::-1]
     return np.asarray(np.abs(np.cumsum(gain, axis=1)).max(axis=1) / duration)
 

@@ -11,8 +11,9 @@ from granpipe.field import level_flow
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import gathered_flow
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.pipeline.averages import AveragedField, averaged_field, steady_segments
+from granpipe.pipeline.averages import AveragedField, steady_segments
 from granpipe.pipeline.gates import Gate, error_gates, level_flow_gates, missing_time
+from granpipe.pipeline.space_average import averaged_of
 from granpipe.planning.plan import Plan
 
 
@@ -104,7 +105,7 @@ class StatisticalErrorCriterion:
             return Convergence()
         try:
             steady = steady_segments(sums, plan)
-            averaged = averaged_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter)
+            averaged = averaged_of(plan, steady)
         except DataError:
             return Convergence()  # no flow at some level yet, or the filling still changes too fast
         target, errors = plan.case.dem.statistical_error, averaged.figures.get("statistical_error", {})

@@ -23,9 +23,7 @@ from granpipe.homogenize.statistics import (
 )
 from granpipe.pipeline.averages import (
     Levels,
-    averaged_field,
     in_solid,
-    measured_packing,
     plug_range,
     smoothing_change,
     steady_segments,
@@ -55,6 +53,7 @@ from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.production import Production
 from granpipe.pipeline.records import OverlapRecord, SettleRecord
 from granpipe.pipeline.softness import as_rigid, rigid_share
+from granpipe.pipeline.space_average import averaged_of, measured_packing_of, space_gates
 from granpipe.planning.plan import Plan
 
 
@@ -102,13 +101,13 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     overlap = float(np.mean([report.reference_overlap for run in reports for report in run]))
     steady = as_rigid(simulated, overlap)
     whole = merge(steady)
-    averaged = averaged_field(plan.case, plan.outline, steady, settings.classes.sauter_diameter)
+    averaged = averaged_of(plan, steady)
     summed = ExtraSums.of(plan)
     field = summed.added(averaged.field, steady)
     if plan.case.outline.depth is not None:
         field = field.of_depth(plan.case.outline.depth)
     settled = [SettleRecord.read(production.settled) for production in productions]
-    figures = averaged.figures | summed.figures(steady) | run_statistics(steady, plan.case.outline.levels)
+    figures = averaged.figures | summed.figures(steady) | run_statistics(steady, _levels(plan))
     if angles := _surface_angles(field, plan):
         figures["surface_angles"] = angles
     discharge = _discharge(plan, simulated, productions)
@@ -116,9 +115,11 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
         figures["discharge"] = discharge.figures
     packing: float | None = averaged.plug.packing
     if plan.case.material.packing is not None:
-        packing = measured_packing(plan.case, plan.outline, whole, settings.classes.sauter_diameter)
+        packing = measured_packing_of(plan, whole)
     figures |= {"bulk_packing": averaged.plug.packing, "measured_packing": packing}
-    changed = smoothing_change(averaged.field, steady, settings.classes.sauter_diameter)
+    changed = None
+    if plan.space is None:
+        changed = smoothing_change(averaged.field, steady, settings.classes.sauter_diameter)
     return ModelResult(
         field=field,
         gates=(
@@ -132,6 +133,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
             cells_gate(plan),
             *((IN_SOLID.gate(in_solid(segments, plan)),) if plan.set_back is not None else ()),
             *(() if changed is None else (SMOOTHING.gate(changed),)),
+            *(() if plan.space is None else space_gates(figures)),
             *((asymmetry_gate(figures["off_centre"]),) if "off_centre" in figures else ()),
             *surface_gates(figures),
             *breach_gates(plan.breaches),
@@ -169,10 +171,15 @@ def _discharge(plan: Plan, steady: Sequence[Sums], productions: Sequence[Product
     return found.times(1 / plan.outline.measure.share(plan.case.outline.depth))
 
 
+def _levels(plan: Plan) -> Levels:
+    """Section → upper and lower level; a vessel in space is one section."""
+    return plan.case.outline.levels if plan.space is None else {"whole": (plan.space.z_top, plan.space.z_bottom)}
+
+
 def _surface_angles(field: Field, plan: Plan) -> dict[str, dict[str, Any]]:
     """Section → angle of its free surface below the horizontal, with its standard error [rad], and of its halves."""
-    if not plan.outline.measure.axial:
-        return {}  # a slab may have one on either side
+    if plan.space is not None or not plan.outline.measure.axial:
+        return {}  # a slab may have one on either side, a vessel in space anywhere
     diameter = plan.dem.classes.sauter_diameter
     found: dict[str, dict[str, Any]] = {}
     for name, (top, low) in plan.case.outline.levels.items():

@@ -19,9 +19,13 @@ from granpipe.dem.dump import read_snapshot
 from granpipe.dem.health import FillingHealth
 from granpipe.dem.overlap import measure_overlap
 from granpipe.dem.run import Liggghts, Status
+from granpipe.dem.settings import Settings, slab_height
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
+from granpipe.field import Boxes
 from granpipe.geometry.insertion import insertion_frusta
+from granpipe.geometry.space_vessel import SpaceVessel
+from granpipe.geometry.space_walls import build_space_walls, plate_name
 from granpipe.geometry.walls import build_walls
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import Criterion, RunningAverage
@@ -37,6 +41,8 @@ from granpipe.system.store import Store, evidence_kept, key_of
 FILL_ANGLE = np.radians(60)
 """Angle from the horizontal under an edge above which nothing is inserted: steeper than any angle of repose, so that
 material runs into the corners by itself and the free surface is its own, not left from the filling."""
+
+_LEAST_VOLUME = 10  # of an insertion region, in particles
 
 _VERSION = 5
 _WALLS_VERSION = 6
@@ -89,7 +95,10 @@ def make_walls(plan: Plan, context: Context) -> Path:
     context.progress.stage("walls", _found(context.store, "walls", key))
 
     def work(folder: Path) -> None:
-        walls = build_walls(plan.simulated, folder=folder, facets=_facets(plan), **_wall_lengths(plan))
+        if plan.space is None:
+            walls = build_walls(plan.simulated, folder=folder, facets=_facets(plan), **_wall_lengths(plan))
+        else:
+            walls = build_space_walls(plan.space, folder=folder, **_wall_lengths(plan))
         triangles = dict(walls.triangles)
         WallRecord(walls.facets, walls.sides, walls.inward, triangles, walls.plate_area).write(folder)
 
@@ -98,6 +107,12 @@ def make_walls(plan: Plan, context: Context) -> Path:
 
 def _walls_key(plan: Plan, versions: Mapping[str, str]) -> str:
     outline = plan.simulated
+    if plan.space is not None:
+        vessel = plan.case.vessel
+        assert vessel is not None
+        outlets = [one.name for one in plan.space.outlets]
+        inputs = _wall_lengths(plan) | {"file": vessel.sha256, "unit": vessel.metres, "outlets": outlets}
+        return key_of("walls", _WALLS_VERSION, inputs | {"gmsh": versions["gmsh"]})
     inputs = _wall_lengths(plan) | {
         "wall": outline.wall.tolist(),
         "obstacles": {name: polygon.tolist() for name, polygon in outline.obstacles.items()},
@@ -208,11 +223,24 @@ def compose_deck(plan: Plan, walls: Path) -> Deck:
     report = WallRecord.read(walls)
     margin = settings.classes.largest + settings.skin / 2 + report.inward
     above_plate = settings.plate_z + settings.classes.largest + settings.skin / 2
+    if plan.space is not None:
+        boxes = insertion_boxes(plan.space, settings, above_plate, margin)
+        plates = [plate_name(plan.space, one) for one in plan.space.outlets]
+        return make_deck(plan.case, settings, boxes, (), report.sides, plates)
     frusta = insertion_frusta(
         outline, settings.feed_top, above_plate, margin, float(FILL_ANGLE), 2 * settings.classes.smallest
     )
     meshes = [f"obstacle_{name}" for name in outline.obstacles]
     return make_deck(plan.case, settings, frusta, meshes, report.sides)
+
+
+def insertion_boxes(vessel: SpaceVessel, settings: Settings, bottom: float, margin: float) -> list[Boxes]:
+    """Where particles are put into a vessel in space: the feed as one piece, then what lies below it."""
+    classes = settings.classes
+    found = vessel.insertion(settings.feed_top, bottom, margin, classes.largest, slab_height(classes))
+    feed = Boxes(tuple(block for one in found for block in one.cut(settings.feed_bottom, settings.feed_top).blocks))
+    bed = [one.cut(bottom, settings.feed_bottom) for one in found]
+    return [one for one in (feed, *bed) if one.volume > _LEAST_VOLUME * classes.mean_volume]
 
 
 def _settle_record(status: Status, bed: Snapshot, deck: Deck, seconds: tuple[float, float], ranks: int) -> SettleRecord:

@@ -96,8 +96,12 @@ def frame_gates(found: Survey, frame: Frame) -> list[Gate]:
     return gates
 
 
-def check_outside(found: Survey) -> float:
+def check_outside(found: Survey, walls: str = "the case") -> float:
     """Share of the solids between the vessel's levels that is centred outside its walls.
+
+    Parameters
+    ----------
+    walls : what gives them, in words
 
     Raises
     ------
@@ -106,14 +110,14 @@ def check_outside(found: Survey) -> float:
     total = sum(found.solids_within)
     if total <= 0:
         raise DataError(
-            f"no particles between the top and the bottom of the case's outline; they lie at z = {found.low[2]:.3g} … "
-            f"{found.high[2]:.3g} m: are both in the same unit and place? (--up)"
+            f"no particles between the top and the bottom of the walls of {walls}; they lie at z = "
+            f"{found.low[2]:.3g} … {found.high[2]:.3g} m: are both in the same unit and place? (--up)"
         )
     share = sum(found.outside) / total
     if share > MOST_OUTSIDE:
         raise DataError(
-            f"{share:.1%} of the solids lie outside the walls of the case, of which {MOST_OUTSIDE:.0%} are allowed: "
-            "the outline is another vessel's or in another unit, or the axis (--axis) or gravity (--up) is elsewhere"
+            f"{share:.1%} of the solids lie outside the walls of {walls}, of which {MOST_OUTSIDE:.0%} are allowed: "
+            "they are another vessel's or in another unit, or the axis (--axis) or gravity (--up) is elsewhere"
         )
     return share
 

@@ -20,7 +20,6 @@ from granpipe.geometry.wall_mesh import WallMesh, WallOpening
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, bed_packing, gathered_flow
 from granpipe.homogenize.space_field import space_errors, space_field
-from granpipe.homogenize.statistics import standard_error
 from granpipe.pipeline.averages import reference_plug
 from granpipe.pipeline.dump_average import Homogenized, inside_outline, most_segments, summed_dumps, told_of
 from granpipe.pipeline.dump_checks import (
@@ -34,7 +33,8 @@ from granpipe.pipeline.dump_checks import (
 from granpipe.pipeline.dump_grid import vessel_box
 from granpipe.pipeline.dump_survey import survey
 from granpipe.pipeline.dump_window import Frame, Request
-from granpipe.pipeline.gates import PACKING, level_flow_gates, upward_gate
+from granpipe.pipeline.gates import CONSERVING, PACKING, level_flow_gates, upward_gate
+from granpipe.pipeline.space_average import outlet_flows, outlet_notes
 from granpipe.planning.flow import check_flow_rate, target_flow
 
 
@@ -50,6 +50,7 @@ class _Vessel:
     plug : packing and flow, from the average and the particle diameter [m]
     scale : flow rate of the process over that of the dumps, from the plug
     levels : section → upper and lower level [m]
+    named : what gives its walls, in words
     outlets : openings whose part of the flow is told
     """
 
@@ -59,6 +60,7 @@ class _Vessel:
     plug: Callable[[Sums, float], Plug]
     scale: Callable[[Plug], float]
     levels: Mapping[str, tuple[float, float]]
+    named: str
     outlets: tuple[WallOpening, ...] = ()
 
 
@@ -83,7 +85,7 @@ def in_space(request: Request, case: Case) -> Homogenized:
     def scale(plug: Plug) -> float:
         return target_flow(case, plug.packing) / plug.bulk_flow
 
-    vessel = _Vessel(grid, inside, inside_outline(outline), plug, scale, case.outline.levels)
+    vessel = _Vessel(grid, inside, inside_outline(outline), plug, scale, case.outline.levels, "the case")
     flow_notes = check_flow_rate(case, outline, find_openings(outline))
     told = _averaged(request, vessel)
     return replace(told, notes=(*flow_notes, *told.notes))
@@ -128,7 +130,7 @@ def in_walls(request: Request, paths: Sequence[Path], unit: float) -> Homogenize
             raise DataError(f"nothing flows down through the vessel: {flow:.3g} m³/s of solids on average")
         return Plug(bed_packing(sums, inside, z[0], diameter), flow, float(np.abs(flows / flow - 1).max()), z)
 
-    vessel = _Vessel(grid, inside, within, plug, lambda _: 1.0, {}, walls.outlets)
+    vessel = _Vessel(grid, inside, within, plug, lambda _: 1.0, {}, ", ".join(map(str, paths)), walls.outlets)
     return _averaged(request, vessel)
 
 
@@ -161,7 +163,7 @@ def read_walls(paths: Sequence[Path], unit: float) -> WallMesh:
 def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
     frame, grid, inside = request.frame, vessel.grid, vessel.inside
     found = survey(request, (float(grid.z_edges[0]), float(grid.z_edges[-1])), vessel.within)
-    frame_marks, outside = frame_gates(found, frame), check_outside(found)
+    frame_marks, outside = frame_gates(found, frame), check_outside(found, vessel.named)
     collector, segments = summed_dumps(request, grid, found)
     sums = merge(segments)
     densest = check_packing(sums, inside, found.diameter)
@@ -174,13 +176,8 @@ def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
         figures["statistical_error"] = space_errors(field, vessel.levels)
     notes: list[str] = []
     if vessel.outlets:
-        figures["outlets"] = outlets = _outlet_flows(vessel, fitted.out)
-        notes += [
-            f"outlet at x = {one['x_m']:.4g} m, y = {one['y_m']:.4g} m: {one['share']:.1%} ± {one['share_se']:.1%} "
-            "of the flow"
-            for one in outlets
-            if len(outlets) > 1
-        ]
+        figures["outlets"] = outlets = outlet_flows(vessel.outlets, grid, fitted.out)
+        notes += outlet_notes(outlets)
     gates = [
         *frame_marks,
         *time_gate(found),
@@ -188,31 +185,10 @@ def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
         upward_gate(field),
         *solids_gate(found, held_solids(field), frame),
         PACKING.gate(field.bulk_packing),
+        CONSERVING.gate(fitted.change),
     ]
     told = told_of(field, "the nearest conserving flow", gates, found, collector, figures)
     return replace(told, notes=(*notes, *told.notes))
-
-
-def _outlet_flows(vessel: _Vessel, out: Array) -> list[dict[str, float]]:
-    """Share of the flow of each outlet, and its standard error from blocks.
-
-    Parameters
-    ----------
-    out : (1 + blocks, ny, nx) solids that leave through the lowest faces, of the whole average and of each block [m³/s]
-    """
-    from shapely import Polygon, distance, points
-
-    y, x = (0.5 * (edges[1:] + edges[:-1]) for edges in (vessel.grid.y_edges, vessel.grid.r_edges))
-    places = points(*np.meshgrid(x, y))
-    nearest = np.argmin([distance(Polygon(one.border), places) for one in vessel.outlets], axis=0)
-    whole = out.sum(axis=(1, 2))
-    found = []
-    for k, outlet in enumerate(vessel.outlets):
-        share = np.where(nearest == k, out, 0.0).sum(axis=(1, 2)) / whole
-        error = float(standard_error(share[1:])) if len(share) > 2 else float("nan")
-        (x_m, y_m), z_m = outlet.centre, outlet.z
-        found.append({"x_m": x_m, "y_m": y_m, "z_m": z_m, "area_m2": outlet.area, "share": share[0], "share_se": error})
-    return found
 
 
 def _check_frame(frame: Frame, option: str) -> None:

@@ -80,6 +80,10 @@ def homogenize_files(request: Request, case: Case | None, walls: Walls | None = 
     if case is None:
         return _on_grid(request)
     check_dumps(case)
+    if case.vessel is not None:
+        raise DataError(
+            "the case has a vessel in space: give its file by --plane xyz --walls and --unit, and leave out --case"
+        )
     if frame.plane == "xyz" and case.outline.symmetry == "axis":
         return in_space(request, case)
     return _in_vessel(request, case)

@@ -21,6 +21,18 @@ def write_exports(field: Field, case: Case, folder: Path) -> None:
     write_tables(field, folder)
 
 
+def write_space_exports(field: Field, case: Case, folder: Path) -> None:
+    """Write the files of a field in space: for COMSOL and ParaView."""
+    from granpipe.export.space import write_grid, write_text, write_vtr
+
+    if "comsol" in case.export:
+        comsol = _made(folder / "comsol")
+        write_text(field, comsol, name=case.name, date=datetime.now().astimezone())
+        write_grid(field, comsol)
+    if "vtk" in case.export:
+        write_vtr(field, folder / "field.vtr")
+
+
 def _comsol(exported: Exported, folder: Path) -> None:
     from granpipe.export.comsol import write_comsol
 

@@ -103,7 +103,7 @@ def no_field(reason: str, plan: Plan, productions: Sequence[Production], segment
     """The error of a run whose segments give no field, for a reason that the averaging told."""
     one_run = _at_final_speed([sums for sums in segments if sums.run == segments[0].run], plan.dem)
     levels = _levels(one_run, _plate_flow(plan))
-    cause, text = diagnose(one_run, levels, plan.simulated, plan.dem)
+    cause, text = diagnose(one_run, levels, plan)
     return NoFieldError(reason, Story(plan, tuple(productions), reason, cause, text, levels))
 
 
@@ -120,8 +120,9 @@ def held_up(error: ArchError, plan: Plan, productions: Sequence[Production], seg
     return told
 
 
-def diagnose(segments: Sequence[Sums], levels: Levels, outline: Outline, settings: Settings) -> tuple[Cause, str]:
+def diagnose(segments: Sequence[Sums], levels: Levels, plan: Plan) -> tuple[Cause, str]:
     """What kind of fault it is, and what to do about it."""
+    outline, settings = plan.simulated, plan.dem
     held = np.flatnonzero(levels.late < HELD)
     emptied = _emptied(segments, outline)
     if emptied < EMPTIED and levels.late[-1] < SCARCE:
@@ -132,14 +133,15 @@ def diagnose(segments: Sequence[Sums], levels: Levels, outline: Outline, setting
             f"{emptied:.0%} of what it held; let it flow more slowly{slower}, or widen the inlet"
         )
     if len(held):
-        return "arch", _arch(levels, int(held[0]), _since(segments, int(held[0]), levels), outline, settings)
+        return "arch", _arch(levels, int(held[0]), _since(segments, int(held[0]), levels), plan)
     return "short", _too_short(segments, levels, settings)
 
 
-def _arch(levels: Levels, level: int, since: float, outline: Outline, settings: Settings) -> str:
+def _arch(levels: Levels, level: int, since: float, plan: Plan) -> str:
     """Where the solids are held up, since when, and how wide it would have to be."""
-    z, d90 = float(levels.z[level]), settings.classes.d90
-    openings = [one for one in find_openings(outline) if one.z <= z + one.gap]
+    z, d90 = float(levels.z[level]), plan.dem.classes.d90
+    narrow = find_openings(plan.simulated) if plan.space is None else plan.space.openings
+    openings = [one for one in narrow if one.z <= z + one.gap]
     where = f"z = {z:.4g} m"
     remedy = "look there for a place too narrow for the particles"
     if openings:
@@ -194,7 +196,7 @@ def time_needed(segments: Sequence[Sums], levels: Levels) -> float:
 def _storage(segments: Sequence[Sums]) -> float:
     """Largest rate at which solids gather below any level [m³/s]."""
     sums = merge(segments)
-    return float(np.abs(np.cumsum(sums.gain.sum(axis=1))).max() / sums.duration)
+    return float(np.abs(np.cumsum(sums.row_gain)).max() / sums.duration)
 
 
 def _plate_flow(plan: Plan) -> float:
@@ -211,7 +213,7 @@ def _levels(segments: Sequence[Sums], flow: float) -> Levels:
         z=grid.z_edges,
         whole=level_flow(whole.mean_flux[1], grid) / flow,
         late=level_flow(late.mean_flux[1], grid) / flow,
-        gathers=whole.gain.sum(axis=1) / whole.duration / flow,
+        gathers=whole.row_gain / whole.duration / flow,
     )
 
 

@@ -82,10 +82,12 @@ def _levels(folder: Path, story: Story) -> None:
 
 
 def _raw_average(folder: Path, story: Story) -> None:
-    """The plain average on r–z, stamped; none where it cannot be drawn."""
+    """The plain average on r–z, stamped; none of a vessel in space, or where it cannot be drawn."""
     from granpipe.export.pictures import DPI, RED, overview
 
     plan, outline = story.plan, story.plan.simulated
+    if plan.space is not None:
+        return
     sums = merge([one for production in story.productions for one in production.sums()])
     inside = outline.inside_fraction(sums.grid)
     full = sums.mean_volume / np.where(inside > 0, inside * sums.grid.cell_volume, np.inf)

@@ -6,11 +6,12 @@ import numpy as np
 
 from granpipe.dem import contact
 from granpipe.dem.health import FlowLimits
-from granpipe.dem.settings import PACKING, Settings
+from granpipe.dem.settings import PACKING, Settings, free_flow
 from granpipe.field import Array, Mask
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import inside_polygon
+from granpipe.geometry.space_vessel import SpaceVessel
 from granpipe.planning.flow import free_discharge
 
 PROFILE = 2.0
@@ -28,7 +29,7 @@ def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> F
     edges = [opening for opening in openings if settings.open_outlet or opening.z > outline.z_bottom]
     return FlowLimits(
         measure=outline.measure,
-        inside=lambda r, z: _inside(outline, r, z),
+        inside=lambda at: _inside(outline, outline.measure.across(at[:, 0], at[:, 1]), at[:, 2]),
         levels={_described(opening): opening.z for opening in openings},
         areas={_described(opening): _free_area(outline, opening.z) for opening in openings},
         loads={_described(opening): _load(outline, settings, opening, bulk_flow) for opening in openings},
@@ -38,6 +39,31 @@ def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> F
         elastic_energy=_elastic_energy(outline, settings, wall_friction),
         fall=max((opening.z - settings.lowest for opening in edges), default=0.0),
         brink=max((opening.area for opening in edges), default=0.0),
+    )
+
+
+def space_limits(vessel: SpaceVessel, settings: Settings, wall_friction: float) -> FlowLimits:
+    """The same of a vessel in space; flow scales are those of the outline that has its areas."""
+    outline, bulk_flow = vessel.outline, settings.inlet_speed * vessel.outline.inlet_area
+    names = {_described(opening): outlet for opening, outlet in zip(vessel.openings, vessel.outlets, strict=True)}
+    particle = settings.classes.mean_diameter
+    return FlowLimits(
+        measure=None,
+        inside=vessel.contains,
+        levels={name: one.opening.z for name, one in names.items()},
+        areas={name: one.opening.area for name, one in names.items()},
+        loads={
+            name: bulk_flow * outlet.share / free_flow(opening, particle)
+            for (name, outlet), opening in zip(names.items(), vessel.openings, strict=True)
+        },
+        flow=PACKING * bulk_flow,
+        speed=bulk_flow / vessel.outlet_area,
+        flow_energy=_flow_energy(outline, bulk_flow) * max(vessel.plate_speeds) ** 2,
+        elastic_energy=_elastic_energy(outline, settings, wall_friction),
+        fall=0.0,
+        brink=0.0,
+        shares={name: one.share for name, one in names.items()},
+        beneath=lambda at: vessel.beneath(at[:, 0], at[:, 1]),
     )
 
 

@@ -20,6 +20,8 @@ def draw_plan(plan: Plan, path: Path) -> str:
     ------
     RunError : something else stands where the picture is to go
     """
+    if plan.space is not None:
+        return "no picture of a plan in space; ParaView and every CAD program show the file of the walls"
     check_picture(path)
     try:
         plan_picture(planned(plan), f"{plan.case.name}: model {plan.model}", path)

@@ -26,7 +26,7 @@ from granpipe.errors import DataError
 from granpipe.homogenize.average import Collector, Sums
 from granpipe.pipeline.convergence import RunningAverage
 from granpipe.pipeline.extra_fields import ExtraSums
-from granpipe.pipeline.health_limits import flow_limits
+from granpipe.pipeline.health_limits import flow_limits, space_limits
 from granpipe.pipeline.records import SegmentRecord
 from granpipe.pipeline.softness import reference_overlap
 from granpipe.planning.plan import Plan
@@ -206,7 +206,10 @@ class ProductionRun:
         """The health to be kept by a run that starts from this bed."""
         settings = self.settings
         friction = self.plan.case.contact.wall.friction
-        vessel = flow_limits(self.plan.simulated, settings, friction)
+        if self.plan.space is None:
+            vessel = flow_limits(self.plan.simulated, settings, friction)
+        else:
+            vessel = space_limits(self.plan.space, settings, friction)
         catcher = settings.plate_z - self.deck.catcher_depth if settings.open_outlet else float("-inf")
         fallen = int((bed.position[:, 2] < catcher).sum())
         return FlowHealth(settings, self.plan.case, vessel, len(bed), fallen)

@@ -17,12 +17,12 @@ from granpipe.case.schema import Case
 from granpipe.dem.settings import Decision
 from granpipe.errors import DataError, RunError
 from granpipe.export.run_report import write_run_report
-from granpipe.pipeline.exports import write_exports
+from granpipe.pipeline.exports import write_exports, write_space_exports
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.production import Production
 from granpipe.pipeline.provenance import Identity, Origin
-from granpipe.pipeline.summary import field_summary
+from granpipe.pipeline.summary import field_summary, space_summary
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Plan
 from granpipe.system.jsonfile import write_json
@@ -39,8 +39,14 @@ MOST_FRAMES = 60
 
 def results_key(case: Case, versions: Mapping[str, str]) -> str:
     """Key of all that the results depend on: the case but for what only changes how it is run, and the versions."""
-    part = case.model_dump(mode="json", exclude={"dem": {"ranks", "keep_snapshots"}})
+    part = _data(case, {"dem": {"ranks", "keep_snapshots"}, "vessel": {"file"}})
     return key_of("results", _VERSION, {"case": part, "granpipe": __version__, "tools": versions})
+
+
+def _data(case: Case, without: dict[str, Any]) -> dict[str, Any]:
+    """A case as plain data; the key of a vessel in space only where it has one."""
+    data = case.model_dump(mode="json", exclude=without)
+    return data if case.vessel is not None else {name: value for name, value in data.items() if name != "vessel"}
 
 
 def is_current(folder: Path, key: str) -> tuple[Gate, ...] | None:
@@ -81,10 +87,10 @@ def check_folder(folder: Path, file: CaseFile) -> None:
 
 def case_origin(file: CaseFile) -> Origin:
     """What tells a case from another one of the same name: where its file is, its outline, and all of it."""
-    case = file.case.model_dump(mode="json")
+    case = _data(file.case, {})
     return Origin(
         file=str(file.path.resolve()) if file.path else "",
-        outline=key_of("outline", 1, case["outline"]),
+        outline=key_of("outline", 1, case.get("vessel", case["outline"])),
         case=key_of("case", 1, case),
     )
 
@@ -127,7 +133,10 @@ def write_results(
         (aside / "case.yaml").write_text(plan.case.to_yaml())
         write_json(aside / "plan.json", plan_summary(plan))
         made.field.save(aside / "field.npz")
-        write_exports(made.field, plan.case, aside)
+        if plan.space is None:
+            write_exports(made.field, plan.case, aside)
+        else:
+            write_space_exports(made.field, plan.case, aside)
         _fluid_mesh(aside, plan, made)
         _figures(aside, plan, made, note)
         write_logs(aside, made.productions)
@@ -137,7 +146,7 @@ def write_results(
             **provenance,
             "wall_seconds": round(time.monotonic() - begun, 2),
             "forecast_seconds": round(forecast(plan, known_rates()), 2),
-            "field": field_summary(made.field, plan.case),
+            "field": (field_summary if plan.space is None else space_summary)(made.field, plan.case),
             **_record(plan if plan.model == "dem" else None, made),
             "submodels": {name: _record(plan.submodel(name), submodel) for name, submodel in made.submodels.items()},
         }
@@ -218,7 +227,11 @@ def _figures(folder: Path, plan: Plan, made: ModelResult, note: Callable[[str], 
     outline = plan.outline
     if plan.case.figures:
         (folder / "figures").mkdir()
-    if "rz" in plan.case.figures:
+    if "rz" in plan.case.figures and plan.space is not None:
+        from granpipe.export.space_pictures import space_figure
+
+        space_figure(made.field, plan.case.name, folder / "figures" / "space_w.png")
+    elif "rz" in plan.case.figures:
         from granpipe.export.pictures import rz_figures
         from granpipe.export.profiles import profile_figures, section_profiles
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from granpipe.analysis.surfaces import speed, stagnant_area, void_area
 from granpipe.case.schema import Case
+from granpipe.export.space import cell_fluxes
 from granpipe.field import Field, section_rows
 
 
@@ -45,3 +46,16 @@ def field_summary(field: Field, case: Case | None) -> dict[str, Any]:
         if rows[name].any()
     }
     return found
+
+
+def space_summary(field: Field, case: Case) -> dict[str, Any]:
+    """Key numbers of a field in space, as plain data in SI."""
+    flow, density = field.bulk_flow * field.flow_scale, case.material.density * field.bulk_packing
+    speeds = np.sqrt(sum(one**2 for one in cell_fluxes(field))) * field.velocity_scale
+    return {
+        "flow_rate_m3_per_s": flow,
+        "reference_packing": field.bulk_packing,
+        "largest_speed_m_per_s": float(np.where(field.bulk, speeds, 0.0).max()),
+        "reference_density_kg_per_m3": density,
+        "mass_flow_kg_per_s": density * flow,
+    }

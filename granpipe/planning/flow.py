@@ -49,9 +49,19 @@ def check_flow_rate(
     ------
     CaseError : more is asked for than falls freely through an opening
     """
-    flow = target_flow(case, packing or case.material.packing or PACKING)
     particle = size_classes(case.material.size).mean_diameter
     least = min((free_discharge(outline, opening, particle) for opening in openings), key=lambda one: one.bulk)
+    return against_free_flow(case, least, packing)
+
+
+def against_free_flow(case: Case, least: FreeFlow, packing: float | None = None) -> tuple[str, ...]:
+    """The same, where it is known which free discharge is the least.
+
+    Raises
+    ------
+    CaseError : more is asked for than that
+    """
+    flow = target_flow(case, packing or case.material.packing or PACKING)
     if least.bulk == 0:
         return ()  # too narrow for the particles: refused as an opening
     share = flow / least.bulk

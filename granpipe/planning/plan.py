@@ -16,12 +16,24 @@ from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.revolve import CHORD_ERROR, FEWEST_FACETS, Turn
+from granpipe.geometry.space_vessel import SpaceVessel
 from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
 from granpipe.planning.doubts import doubts, size_hint, unit_hint
 from granpipe.planning.flow import check_flow_rate
 from granpipe.planning.plane import check_model, check_plane, depth_note
 from granpipe.planning.sections import section_needs, section_ranges
 from granpipe.planning.set_back import check_whole, walls_of
+from granpipe.planning.space import (
+    check_model_in_space,
+    check_space,
+    check_space_flow,
+    grid_decision,
+    memory,
+    outlet_decisions,
+    settings_vessel,
+    space_grid,
+    space_vessel,
+)
 from granpipe.planning.submodel import Span, spans, sub_case
 from granpipe.planning.wall_factors import wall_factor_decisions
 from granpipe.progress import duration_text
@@ -103,6 +115,7 @@ class Plan:
     unfit : sections that a fluid does not describe, and why, where the case asks for a fluid all the same
     wall_factors : those of the hoppers that a fluid describes, and the error to be expected there
     friction : what a frictional fluid goes by; None for other models
+    space : the vessel where it is one in space; `outline` has the same area at each height then
     particle_steps : cost of DEM, filling included
     seconds, disk_bytes : forecasts for this machine's cores, LIGGGHTS running alone
     """
@@ -125,6 +138,12 @@ class Plan:
     wall_factors: tuple[Decision, ...] = ()
     friction: BulkFriction | None = None
     set_back: Outline | None = None
+    space: SpaceVessel | None = None
+
+    @property
+    def openings(self) -> tuple[Opening, ...]:
+        """Every narrowing of the vessel, from the top down."""
+        return find_openings(self.outline) if self.space is None else self.space.openings
 
     @property
     def simulated(self) -> Outline:
@@ -179,6 +198,8 @@ def make_plan(case: Case, cores: int = 1) -> Plan:
     ------
     CaseError : the case asks for what is impossible, or for a model that cannot be right
     """
+    if case.vessel is not None:
+        return _space_plan(case, cores)
     scene = _Scene(case, cores)
     return scene.plan(scene.choose_model())
 
@@ -190,11 +211,11 @@ def model_plans(case: Case, cores: int = 1) -> dict[Model, Plan | CaseError]:
     ------
     CaseError : no model is possible
     """
-    scene = _Scene(case, cores)
+    planned = _Scene(case, cores).plan if case.vessel is None else lambda model: _space_plan(case, cores, model)
     found: dict[Model, Plan | CaseError] = {}
     for model in ("fluid", "hybrid", "dem"):
         try:
-            found[model] = scene.plan(model)
+            found[model] = planned(model)
         except CaseError as error:
             found[model] = error
     return found
@@ -205,6 +226,8 @@ def other_rheology(case: Case, cores: int = 1) -> tuple[str, Plan | CaseError]:
     name: Literal["viscous", "frictional"] = "viscous" if case.fluid.rheology == "frictional" else "frictional"
     other = case.model_copy(update={"fluid": case.fluid.model_copy(update={"rheology": name})})
     try:
+        if case.vessel is not None:
+            check_model_in_space("fluid")
         return name, _Scene(other, cores).plan("fluid")
     except CaseError as error:
         return name, error
@@ -337,7 +360,7 @@ class _Scene:
         except CaseError as error:
             where = "between walls set back (dem.walls) " if walls.decision else ""
             raise self._with_hint(CaseError(where + error.message, error.key, error.place)) from None
-        self._check_duration(settings)
+        _check_duration(self.case, settings, self.cores)
         reasons = "; ".join(f"{name}: {need.dem}" for name, need in self.needs.items() if need.dem)
         stages = [
             Stage("walls", "LIGGGHTS needs the walls in space, a reservoir and the outlet"),
@@ -365,8 +388,8 @@ class _Scene:
                 *((walls.decision,) if walls.decision else ()),
                 thickness or self._facets(settings, walls.outline.r_max),
             ),
-            particle_steps=self._particle_steps(settings, settings.steps),
-            seconds=self._seconds(settings, settings.steps),
+            particle_steps=_particle_steps(self.case, settings, settings.steps),
+            seconds=_seconds(self.case, settings, settings.steps, self.cores),
             disk_bytes=self.case.dem.replicas * _disk(self.case, settings),
         )
 
@@ -418,42 +441,6 @@ class _Scene:
             f"circle at most {CHORD_ERROR:g} particle diameters above the chord, at least {FEWEST_FACETS} facets"
         )
         return Decision("facets per turn", str(turn.facets), criterion, breach)
-
-    def _check_duration(self, settings: Settings) -> None:
-        averaged = settings.segments - settings.segments_left_out
-        if self.case.homogenize.method == "psi" and averaged < LEAST_SEGMENTS:
-            segment = settings.segment_steps * settings.time_step
-            steps = (settings.segments_left_out + LEAST_SEGMENTS) * settings.segment_steps
-            raise CaseError(
-                f"{settings.length.time:g} s is {averaged} segments of {segment:.3g} s; the ψ fit needs "
-                f"{LEAST_SEGMENTS}: simulate {LEAST_SEGMENTS * segment:.2g} s or more, which takes about "
-                f"{duration_text(self._seconds(settings, steps))} to compute, or set homogenize.method: gaussian",
-                ("dem", "max_time"),
-            )
-        start = self.case.homogenize.start
-        if start == "auto":
-            return
-        if start >= settings.duration:
-            raise CaseError(
-                f"must be below the time of production, which is {settings.duration:.4g} s: give a longer "
-                "dem.max_time, or leave the start out",
-                ("homogenize", "start"),
-            )
-        if start < settings.average_from * (1 - 1e-9):
-            raise CaseError(
-                f"lies in the faster start, which ends at {settings.average_from:.4g} s: give a later time, leave it "
-                f"out, or do without that start by dem.start_speed: {settings.plate_speed:.3g} m/s",
-                ("homogenize", "start"),
-            )
-
-    def _particle_steps(self, settings: Settings, steps: int) -> float:
-        """Of all replicas with so many steps of production, filling included."""
-        return self.case.dem.replicas * settings.particles * (steps + _fill_steps(settings))
-
-    def _seconds(self, settings: Settings, steps: int) -> float:
-        """Wall time of that [s]."""
-        together = min(self.case.dem.replicas, max(1, self.cores // settings.ranks))
-        return self._particle_steps(settings, steps) / (together * assumed_rate(settings.ranks))
 
     def _hybrid(self) -> Plan:
         case = self.case
@@ -587,6 +574,85 @@ class _Scene:
 
     def _opening_cell(self) -> float:
         return min(opening.gap for opening in self.openings) / CELLS_PER_OPENING
+
+
+def _check_duration(case: Case, settings: Settings, cores: int) -> None:
+    """CaseError for a production that is too short for an average."""
+    averaged = settings.segments - settings.segments_left_out
+    if case.homogenize.method == "psi" and averaged < LEAST_SEGMENTS:
+        segment = settings.segment_steps * settings.time_step
+        steps = (settings.segments_left_out + LEAST_SEGMENTS) * settings.segment_steps
+        raise CaseError(
+            f"{settings.length.time:g} s is {averaged} segments of {segment:.3g} s; the ψ fit needs "
+            f"{LEAST_SEGMENTS}: simulate {LEAST_SEGMENTS * segment:.2g} s or more, which takes about "
+            f"{duration_text(_seconds(case, settings, steps, cores))} to compute, or set homogenize.method: gaussian",
+            ("dem", "max_time"),
+        )
+    start = case.homogenize.start
+    if start == "auto":
+        return
+    if start >= settings.duration:
+        raise CaseError(
+            f"must be below the time of production, which is {settings.duration:.4g} s: give a longer "
+            "dem.max_time, or leave the start out",
+            ("homogenize", "start"),
+        )
+    if start < settings.average_from * (1 - 1e-9):
+        raise CaseError(
+            f"lies in the faster start, which ends at {settings.average_from:.4g} s: give a later time, leave it "
+            f"out, or do without that start by dem.start_speed: {settings.plate_speed:.3g} m/s",
+            ("homogenize", "start"),
+        )
+
+
+def _particle_steps(case: Case, settings: Settings, steps: int) -> float:
+    """Of all replicas with so many steps of production, filling included."""
+    return case.dem.replicas * settings.particles * (steps + _fill_steps(settings))
+
+
+def _seconds(case: Case, settings: Settings, steps: int, cores: int) -> float:
+    """Wall time of that [s]."""
+    together = min(case.dem.replicas, max(1, cores // settings.ranks))
+    return _particle_steps(case, settings, steps) / (together * assumed_rate(settings.ranks))
+
+
+def _space_plan(case: Case, cores: int, model: Model = "dem") -> Plan:
+    """The plan of a vessel in space, which is computed by particles."""
+    check_model_in_space(model)
+    check_space(case)
+    vessel = space_vessel(case)
+    grid = space_grid(case, vessel)
+    settings = choose(case, settings_vessel(vessel, grid), cores)
+    _check_duration(case, settings, cores)
+    stages = (
+        Stage("walls", "LIGGGHTS needs a reservoir above the inlet, and a plate below each outlet"),
+        Stage("settle", "fill by repeated insertion and come to rest"),
+        Stage("produce", "a vessel in space is computed by particles"),
+        Stage("field", "average in space, then take the nearest flow that conserves"),
+        Stage("results", ", ".join(["field.npz", *case.export, *(f"figures: {name}" for name in case.figures)])),
+    )
+    left = (
+        Stage("fluid, hybrid", "a vessel in space is computed by particles only"),
+        *(stage for stage in _left_out_of_decks(case) if stage.name != "obstacle meshes"),
+    )
+    decisions = (*settings.decisions, *outlet_decisions(vessel, settings.plate_speed))
+    return Plan(
+        case=case,
+        outline=vessel.outline,
+        model="dem",
+        grid=grid,
+        settings=settings,
+        submodels=(),
+        followed=(),
+        stages=stages,
+        left_out=left,
+        decisions=(*decisions, grid_decision(grid, settings.segments)),
+        notes=check_space_flow(case, vessel),
+        particle_steps=_particle_steps(case, settings, settings.steps),
+        seconds=_seconds(case, settings, settings.steps, cores),
+        disk_bytes=case.dem.replicas * (_disk(case, settings) + memory(grid, settings.segments)),
+        space=vessel,
+    )
 
 
 def _vessel(outline: Outline) -> Vessel:

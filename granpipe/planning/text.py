@@ -30,8 +30,8 @@ def plan_text(
     lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.stages]
     lines += ["", "left out"]
     lines += [f"  {stage.name:<{width}}  {stage.reason}" for stage in plan.left_out]
-    rows, columns = plan.grid.shape
-    lines += ["", f"grid  {rows} × {columns} cells of {plan.grid.cell:.4g} m", ""]
+    cells = " × ".join(map(str, plan.grid.shape))
+    lines += ["", f"grid  {cells} cells of {plan.grid.cell:.4g} m", ""]
     if plan.friction:
         lines += ["fluid", *_decision_lines(tuple(plan.friction.decisions())), ""]
     if plan.wall_factors:

@@ -11,7 +11,15 @@ from granpipe.dem.sizes import size_classes
 from granpipe.field import Array
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
+from granpipe.geometry.space_vessel import SpaceVessel
+from granpipe.geometry.wall_mesh import WallOpening
 from granpipe.planning.plan import Plan
+
+
+def planned_vessel_text(plan: Plan) -> str:
+    """The vessel of a plan, and what is in it."""
+    vessel = vessel_text(plan.outline) if plan.space is None else space_text(plan.space)
+    return f"{vessel}\n{contents_text(plan)}"
 
 
 def vessel_text(outline: Outline) -> str:
@@ -33,6 +41,23 @@ def vessel_text(outline: Outline) -> str:
     return "\n".join(lines)
 
 
+def space_text(vessel: SpaceVessel) -> str:
+    """Height, size, volume and openings of a vessel in space."""
+    (x0, x1), (y0, y1), (z0, z1) = vessel.walls.ends.tolist()
+    lines = [
+        f"height    {z1 - z0:.6g} m, from z = {z0:.6g} to {z1:.6g} m",
+        f"width     {x1 - x0:.6g} m, x = {x0:.6g} … {x1:.6g} m",
+        f"depth     {y1 - y0:.6g} m, y = {y0:.6g} … {y1:.6g} m",
+        f"volume    {vessel.outline.volume():.4g} m³",
+        f"walls     {vessel.walls.walls} triangles, {int(vessel.walls.parts.max())} obstacles",
+        f"inlet     {_placed(vessel.inlet)}",
+    ]
+    for one in vessel.outlets:
+        lines.append(f"outlet    {one.name}: {_placed(one.opening)}, {one.share:.4g} of the flow")
+        lines.append(f"opening   to {one.name}: a sphere of {one.gap:.4g} m passes")
+    return "\n".join(lines)
+
+
 def contents_text(plan: Plan) -> str:
     """What is in the vessel of a plan: mass, particles, and how many of them the openings pass side by side."""
     material, classes = plan.case.material, size_classes(plan.case.material.size)
@@ -47,7 +72,7 @@ def contents_text(plan: Plan) -> str:
         f"particles {number:.0f} in the vessel, ⌀ {2 * classes.smallest:.4g} … {2 * classes.largest:.4g} m, "
         f"d90 {classes.d90:.4g} m" + ("" if factor == 1 else f", simulated with ⌀ × {factor:g}"),
     ]
-    for one in find_openings(plan.outline):
+    for one in plan.openings:
         lines.append(f"opening   {one.name}: {one.gap / simulated.d90:.3g} × d90 (at least {LEAST_GAP:g}, better 10)")
     return "\n".join(lines)
 
@@ -64,6 +89,11 @@ def _ends(outline: Outline, end: int) -> str:
     """Diameter of the inlet (0) or outlet (−1), or where a slab begins and ends there."""
     left, right = outline.left[end, 0], outline.wall[end, 0]
     return f"⌀ {2 * right:.6g} m" if outline.measure.axial else f"{right - left:.6g} m, x = {left:.6g} … {right:.6g} m"
+
+
+def _placed(opening: WallOpening) -> str:
+    x, y = opening.centre
+    return f"{opening.area:.4g} m² at x = {x:.4g} m, y = {y:.4g} m, z = {opening.z:.4g} m"
 
 
 def _rows(points: Array) -> Sequence[Sequence[float]]:

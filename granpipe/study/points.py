@@ -98,6 +98,8 @@ def make_study(
             "a study tells errors of size between walls as drawn: set as_drawn; compare walls by `granpipe compare`",
             ("dem", "walls"),
         )
+    if case.vessel is not None:
+        raise CaseError("a study is made of bodies of revolution only; vary a vessel in space by a sweep", ("vessel",))
     plans = model_plans(case)
     basis = replace(_basis(case, plans), cores=cores)
     settled = _settled(case, basis)

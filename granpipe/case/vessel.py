@@ -1,0 +1,118 @@
+"""Keys of `vessel`: walls in space from triangles, in place of an outline."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, model_validator
+
+from granpipe.case.units import UnitError, length_unit
+from granpipe.case.values import File, Group, Identifier, Name, Place, Quantity, refuse
+from granpipe.case.yamlfile import Places
+from granpipe.drawings.lines import Points
+from granpipe.drawings.surface import read_triangles
+from granpipe.errors import CaseError
+
+SHARES = 1e-6
+"""Shares of the outlets add up to one, to this."""
+
+_KEY = ("vessel", "file")
+
+
+class OutletSpec(Group):
+    """An opening of the walls through which solids leave, and its part of the flow."""
+
+    at: Annotated[tuple[float, float, float], Place()] = Field(
+        description="A point [x, y, z] in the opening, in `vessel.unit`: it is the opening nearest to it."
+    )
+    share: Annotated[float, Quantity(above=0, at_most=1)] = Field(
+        description="Its part of the flow rate. All shares make 100 %."
+    )
+
+
+class VesselSpec(Group):
+    """The vessel's walls in space, in place of `outline`: any shape, with an inlet at the top; by particles only."""
+
+    file: Annotated[str, File()] = Field(
+        description="Triangles of the walls, STL or OBJ, z up, open only at the inlet (top) and at the outlets "
+        "(bottom); relative to the folder of the case file. Obstacles are closed surfaces inside."
+    )
+    unit: Annotated[str, Identifier()] = Field(default="m", description="Unit of the file: m, cm, mm, ft, ….")
+    outlets: dict[Annotated[str, Identifier()], OutletSpec] = Field(
+        default_factory=dict,
+        description="Every opening at the bottom, by name. Not needed where there is one.",
+    )
+    sha256: Annotated[str | None, Name()] = Field(
+        default=None, description="SHA-256 of the file. Written by granpipe, which refuses a file that was changed."
+    )
+
+    @property
+    def metres(self) -> float:
+        """Length of the unit [m]."""
+        return length_unit(self.unit)
+
+    @model_validator(mode="after")
+    def _whole(self) -> VesselSpec:
+        try:
+            length_unit(self.unit)
+        except UnitError as error:
+            refuse(str(error), ("unit",))
+        total = sum(outlet.share for outlet in self.outlets.values())
+        if self.outlets and abs(total - 1) > SHARES:
+            refuse(f"the shares add up to {100 * total:.6g} %; they must make 100 %", ("outlets",), show_value=False)
+        return self
+
+
+def with_vessel(data: dict[str, Any], places: Places, folder: Path) -> None:
+    """Note the hash of `vessel.file`, make its path absolute, and put the mark of a vessel in space for the outline.
+
+    The path is relative to `folder`, that of the case file. `data` is changed; what is no vessel is left alone.
+
+    Raises
+    ------
+    CaseError : the file cannot be read, or the case has an outline as well
+    """
+    vessel = data.get("vessel")
+    if vessel is None:
+        return
+    outline = data.get("outline")
+    if outline is not None and not (isinstance(outline, Mapping) and outline.get("symmetry") == "space"):
+        message = "stands beside `vessel`, which gives the walls: leave one of the two out"
+        raise CaseError(message, ("outline",), places.locate(("outline",)))
+    data["outline"] = outline or {"symmetry": "space"}
+    if not isinstance(vessel, Mapping) or not isinstance(vessel.get("file"), str) or "\0" in vessel["file"]:
+        return  # the schema says what is wrong
+    path = (folder / vessel["file"]).absolute()
+    digest = _digest(path, places)
+    if vessel.get("sha256") not in (None, digest):
+        message = f"{vessel['file']} is not the file any more that the case was made with: leave vessel.sha256 out"
+        raise CaseError(message, _KEY, places.locate(_KEY))
+    data["vessel"] = {**vessel, "file": str(path), "sha256": digest}
+
+
+def vessel_triangles(spec: VesselSpec) -> tuple[Points, Any]:
+    """(n, 3) corners [m] and (m, 3) which of them each triangle has.
+
+    Raises
+    ------
+    CaseError : the file cannot be read, or is not what it was when the case was read
+    """
+    path = Path(spec.file)
+    if _digest(path, Places("")) != spec.sha256:
+        raise CaseError(f"{path} was changed after the case was read: run again", _KEY)
+    try:
+        points, triangles = read_triangles(path)
+    except CaseError as error:
+        raise CaseError(f"{path.name}: {error.message}", _KEY) from None
+    return points * spec.metres, triangles
+
+
+def _digest(path: Path, places: Places) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        message = f"{path} cannot be read ({error.strerror}); give an STL or OBJ file of the walls"
+        raise CaseError(message, _KEY, places.locate(_KEY)) from None

@@ -1,0 +1,417 @@
+"""A vessel in space: its walls, named outlets, straight ends, and what particles can reach in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from granpipe.errors import CaseError, DataError, KeyPath
+from granpipe.field import Array, Box, Boxes, Mask
+from granpipe.geometry.openings import Opening
+from granpipe.geometry.outline import Outline
+from granpipe.geometry.wall_mesh import WallMesh, WallOpening, nearest_opening
+
+if TYPE_CHECKING:
+    from granpipe.case.vessel import OutletSpec
+
+FILE = ("vessel", "file")
+OUTLETS = ("vessel", "outlets")
+
+MOST_POINTS = 4_000_000
+"""Points at which the walls are sampled, and cells in which the way of the particles is looked for."""
+
+MOST_BLOCKS = 40
+"""Blocks of one insertion region: LIGGGHTS tries them one after the other for every particle."""
+
+_ROUGHLY = 0.02  # by which the nearest point of a wall may be missed, relative
+_ROWS = 100  # of the grid that areas of levels are taken from
+_SAME = 1e-3  # of the vessel's size: a point that names an opening lies as near to it, or inside it
+
+
+@dataclass(frozen=True)
+class SpaceOutlet:
+    """An outlet of a vessel in space.
+
+    Parameters
+    ----------
+    name : that of the case
+    opening : where it is
+    share : its part of the flow
+    key : path in the case of what names it
+    gap : diameter of the largest sphere that passes it, or the way to it [m]
+    """
+
+    name: str
+    opening: WallOpening
+    share: float
+    key: KeyPath
+    gap: float
+
+    @classmethod
+    def of(cls, name: str, opening: WallOpening, share: float, key: KeyPath) -> SpaceOutlet:
+        """The outlet by itself."""
+        from shapely import Polygon, maximum_inscribed_circle
+
+        border = Polygon(opening.border)
+        circle = maximum_inscribed_circle(border, 1e-3 * math.sqrt(border.area))
+        return cls(name, opening, share, key, 2 * float(circle.length))
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceVessel:
+    """A vessel in space. Above its inlet and below its outlets it goes on straight.
+
+    Parameters
+    ----------
+    walls : from triangles
+    outlets : all openings at the bottom
+    """
+
+    walls: WallMesh
+    outlets: tuple[SpaceOutlet, ...]
+
+    @classmethod
+    def of(
+        cls, points: Array, triangles: NDArray[np.int64], outlets: Mapping[str, OutletSpec], unit: float = 1.0
+    ) -> SpaceVessel:
+        """The vessel of a case, checked.
+
+        Parameters
+        ----------
+        points : (n, 3) corners of the walls [m]
+        triangles : (m, 3) which of them each triangle has
+        outlets : name → place and share; none where there is one outlet
+        unit : length of the unit of their places [m]
+
+        Raises
+        ------
+        CaseError : the walls are not those of a vessel, or the outlets are others
+        """
+        try:
+            walls = WallMesh.of(points, triangles)
+        except DataError as error:
+            raise CaseError(f"the walls do not make a vessel: {error}; is vessel.unit right, and z up?", FILE) from None
+        if len(walls.inlets) > 1:
+            places = " and ".join(f"({one.centre[0]:.4g}, {one.centre[1]:.4g}) m" for one in walls.inlets)
+            raise CaseError(f"{len(walls.inlets)} openings at the top, at {places}; close all but the inlet", FILE)
+        vessel = cls(walls, tuple(_named(walls, outlets, unit)))
+        vessel._check_pieces()
+        return vessel
+
+    @property
+    def inlet(self) -> WallOpening:
+        """The opening at the top."""
+        return self.walls.inlets[0]
+
+    @property
+    def z_top(self) -> float:
+        """Height of the inlet [m]."""
+        return self.inlet.z
+
+    @property
+    def z_bottom(self) -> float:
+        """Height of the lowest outlet [m]."""
+        return min(one.opening.z for one in self.outlets)
+
+    @property
+    def outlet_area(self) -> float:
+        """Of all outlets [m²]."""
+        return sum(one.opening.area for one in self.outlets)
+
+    @property
+    def plate_speeds(self) -> tuple[float, ...]:
+        """Speed of the plate in each outlet, over the mean speed of the flow through all of them."""
+        return tuple(one.share * self.outlet_area / one.opening.area for one in self.outlets)
+
+    @property
+    def openings(self) -> tuple[Opening, ...]:
+        """The outlets as narrowings of the way from the inlet."""
+        return tuple(
+            Opening(
+                "outlet" if len(self.outlets) == 1 else f"outlet {one.name}",
+                one.opening.z, 0.0, 0.5 * one.gap, one.gap, one.opening.area, True, one.key,
+            )
+            for one in self.outlets
+        )  # fmt: skip
+
+    def with_passages(self, cell: float) -> SpaceVessel:
+        """The vessel with gaps that are those of the whole way from the inlet, looked for on cells of a size [m].
+
+        Raises
+        ------
+        CaseError : no way leads to an outlet
+        """
+        return replace(self, outlets=tuple(replace(one, gap=self._passage(one, cell)) for one in self.outlets))
+
+    @cached_property
+    def outline(self) -> Outline:
+        """The body of revolution that has the same area at each height: what limits and forecasts go by."""
+        x, y, z = ((float(low), float(high)) for low, high in self.walls.ends)
+        grid = Box.within(x, y, z, (z[1] - z[0]) / _ROWS, flat=False, cut=True)
+        area = self.walls.inside_fraction(grid).sum(axis=(1, 2)) * grid.ring_area[0]
+        radius = np.sqrt(np.maximum(area, 1e-9 * area.max()) / math.pi)
+        ends = np.sqrt(np.array([self.inlet.area, self.outlet_area]) / math.pi)
+        wall = np.column_stack([np.r_[ends[0], radius[::-1], ends[1]], np.r_[z[1], grid.z_centres[::-1], z[0]]])
+        return Outline.of(wall)
+
+    def inside_fraction(self, grid: Box) -> Array:
+        """(nz, ny, nx) part of each cell inside the walls."""
+        kept = self._fractions.get(grid.shape)
+        if kept is None or kept[0] != grid.cell:
+            kept = self._fractions[grid.shape] = grid.cell, self.walls.inside_fraction(grid)
+        return kept[1]
+
+    @cached_property
+    def _fractions(self) -> dict[tuple[int, ...], tuple[float, Array]]:
+        return {}
+
+    def contains(self, points: Array) -> Mask:
+        """(n,) which points (n, 3) lie in the vessel or in its straight ends."""
+        from shapely import Polygon, contains_xy
+
+        found = self.walls.contains(points)
+        for one, there in [
+            (self.inlet, points[:, 2] >= self.inlet.z),
+            *((outlet.opening, points[:, 2] <= outlet.opening.z) for outlet in self.outlets),
+        ]:
+            which = np.flatnonzero(there)
+            found[which] |= contains_xy(Polygon(one.border), points[which, 0], points[which, 1])
+        return found
+
+    def beneath(self, x: Array, y: Array) -> NDArray[np.int64]:
+        """Which outlet is nearest, seen from above, to points of any one shape [m]."""
+        return nearest_opening([one.opening for one in self.outlets], x, y)
+
+    def surface(self, top: float, bottom: float) -> Array:
+        """(n, 3, 3) triangles of the walls, with straight ends up to `top` and down to `bottom` [m]."""
+        ends = [(self.inlet, top), *((one.opening, bottom) for one in self.outlets)]
+        return np.concatenate([self.walls.surface, *(straight(opening, z) for opening, z in ends)])
+
+    def _passage(self, outlet: SpaceOutlet, cell: float) -> float:
+        """Diameter [m] of the largest sphere that may pass from the inlet to an outlet, at the most.
+
+        The way is looked for on cells; a narrowing between their middles is seen up to √3 cells too wide.
+        """
+        grid, distance = self._distances(self.z_top, self.z_bottom, cell, 0.5 * outlet.gap)
+        inside = distance > 0
+        (x, y), rows = outlet.opening.centre, outlet.opening.border
+        near = _within(grid, rows)[None] & (np.arange(grid.shape[0]) < 2)[:, None, None] & inside
+        start = inside & (np.arange(grid.shape[0]) >= grid.shape[0] - 2)[:, None, None]
+        low, high = 0.0, 0.5 * outlet.gap
+        if not _joined(inside, start, near):
+            raise CaseError(f"no way leads from the inlet to the outlet at x = {x:.4g} m, y = {y:.4g} m", outlet.key)
+        while high - low > 0.1 * cell:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if _joined(distance >= middle, start, near) else (low, middle)
+        return min(outlet.gap, 2 * low + math.sqrt(3) * cell)
+
+    def insertion(self, top: float, bottom: float, margin: float, cell: float, height: float) -> tuple[Boxes, ...]:
+        """Where particles are put in, from the top down: cells in blocks that particles from above reach.
+
+        Solids spread sideways by one cell on two cells down: 63°, steeper than any angle of repose, so that nothing is
+        put where it would not lie. What is left free along walls fills by itself.
+
+        Parameters
+        ----------
+        top, bottom : height range [m]
+        margin : distance of centres from the walls [m]
+        cell : edge of the cells, at the least [m]
+        height : of what is filled as one, at most [m]
+
+        Raises
+        ------
+        CaseError : no particle finds room at the inlet
+        """
+        while True:
+            grid, distance = self._distances(top, bottom, cell, margin + cell)
+            free = distance >= margin + 0.5 * math.sqrt(3) * grid.cell
+            layers = [_rectangles(layer) for layer in _reached(free)]
+            if max(map(len, layers), default=0) <= MOST_BLOCKS:
+                break
+            cell *= 1.5
+        return tuple(_slabs(grid, layers, height))
+
+    def _distances(self, top: float, bottom: float, cell: float, far: float) -> tuple[Box, Array]:
+        """Distance of the middles of cells from the walls, at least, between two heights; 0 outside [m].
+
+        What is farther away than `far` is not looked at closely, and told as so far away.
+        """
+        from scipy.spatial import cKDTree
+
+        x, y, _ = ((float(low), float(high)) for low, high in self.walls.ends)
+        grid = Box.within(x, y, (bottom, top), cell, flat=False, cut=True)
+        if np.prod(grid.shape) > MOST_POINTS:
+            raise CaseError(
+                f"its walls need {' × '.join(map(str, grid.shape))} cells of {cell:.3g} m to be looked through, more "
+                f"than {MOST_POINTS:.0e}: use larger particles (dem.coarse_grain_factor)",
+                ("material", "size"),
+            )
+        z, y_, x_ = np.meshgrid(grid.z_centres, _middles(grid.y_edges), grid.r_centres, indexing="ij")
+        points = np.column_stack([x_.ravel(), y_.ravel(), z.ravel()])
+        inside = np.flatnonzero(self.contains(points))
+        spacing = 0.5 * cell
+        tree = cKDTree(sampled(self.surface(top + cell, bottom - cell), spacing))
+        near, _ = tree.query(points[inside], eps=_ROUGHLY, distance_upper_bound=far * (1 + _ROUGHLY) + cell)
+        near = np.minimum(near / (1 + _ROUGHLY), far + cell)
+        found = np.zeros(len(points))
+        found[inside] = np.sqrt(np.maximum(0.0, near**2 - spacing**2 / 3))
+        return grid, found.reshape(grid.shape)
+
+    def _check_pieces(self) -> None:
+        """CaseError where a piece of the walls that is no part of the outer one lies outside it."""
+        walls = self.walls
+        for part in range(1, int(walls.parts.max()) + 1):
+            corners = walls.surface[walls.parts == part].reshape(-1, 3)
+            outer = WallMesh(
+                np.concatenate([walls.surface[walls.parts == 0], walls.triangles[walls.walls :]]),
+                walls.inlets, walls.outlets, int((walls.parts == 0).sum()), walls.parts[walls.parts == 0],
+            )  # fmt: skip
+            if not outer.contains(corners).all():
+                where = corners[int(np.argmin(outer.contains(corners)))]
+                place = ", ".join(f"{one:.4g}" for one in where)
+                raise CaseError(f"the walls are not one piece: a second one reaches outside at ({place}) m", FILE)
+
+
+def straight(opening: WallOpening, z: float) -> Array:
+    """(n, 3, 3) triangles of the upright wall from an opening to a height [m]."""
+    corners = opening.corners
+    widths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    rows = int(np.clip(math.ceil(abs(z - opening.z) / (10 * widths.min())), 1, 100))
+    rings = np.repeat(corners[None], rows + 1, axis=0)
+    rings[1:, :, 2] = np.linspace(opening.z, z, rows + 1)[1:, None]
+    a, b = rings[:-1], rings[1:]
+    following_a, following_b = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
+    halves = (np.stack([a, following_a, following_b], axis=2), np.stack([a, following_b, b], axis=2))
+    return np.concatenate([half.reshape(-1, 3, 3) for half in halves])
+
+
+def sampled(triangles: Array, spacing: float) -> Array:
+    """(m, 3) points on triangles (n, 3, 3), no place on which is farther than spacing/√3 from one [m].
+
+    Raises
+    ------
+    CaseError : they are more than `MOST_POINTS`
+    """
+    longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+    pieces = np.maximum(1, np.ceil(longest / spacing)).astype(np.int64)
+    if ((pieces + 1) * (pieces + 2) / 2).sum() > MOST_POINTS:
+        raise CaseError(
+            "the walls are too large for their particles: use larger ones (dem.coarse_grain_factor)",
+            ("material", "size"),
+        )
+    found = []
+    for count in np.unique(pieces):
+        one, other = np.meshgrid(np.arange(count + 1), np.arange(count + 1))
+        there = one + other <= count
+        u, v = one[there] / count, other[there] / count
+        weights = np.stack([1 - u - v, u, v], axis=1)
+        found.append(np.einsum("pk,nkd->npd", weights, triangles[pieces == count]).reshape(-1, 3))
+    return np.concatenate(found)
+
+
+def _named(walls: WallMesh, outlets: Mapping[str, OutletSpec], unit: float) -> Sequence[SpaceOutlet]:
+    """The outlets with their names and shares, each opening once."""
+    from shapely import Point, Polygon, distance
+
+    openings = walls.outlets
+    places = ", ".join("({:.4g}, {:.4g}) m".format(*one.centre) for one in openings)
+    if not outlets:
+        if len(openings) > 1:
+            raise CaseError(f"missing; there are {len(openings)} openings at the bottom, at {places}", OUTLETS)
+        return [SpaceOutlet.of("outlet", openings[0], 1.0, FILE)]
+    size = float(np.ptp(walls.ends, axis=1).max())
+    found: dict[int, SpaceOutlet] = {}
+    for name, spec in outlets.items():
+        x, y, z = (unit * one for one in spec.at)
+        away = [math.hypot(distance(Polygon(one.border), Point(x, y)), z - one.z) for one in openings]
+        nearest = int(np.argmin(away))
+        key = (*OUTLETS, name, "at")
+        if away[nearest] > _SAME * size:
+            raise CaseError(
+                f"lies {away[nearest]:.3g} m from the nearest opening at the bottom; these are at {places}, "
+                f"z = {openings[nearest].z:.4g} m (in metres here)",
+                key,
+            )
+        if nearest in found:
+            raise CaseError(f"is the same opening as that of {found[nearest].name}; openings are at {places}", key)
+        found[nearest] = SpaceOutlet.of(name, openings[nearest], spec.share, key)
+    for k, one in enumerate(openings):
+        if k not in found:
+            raise CaseError("no outlet is named for the opening at ({:.4g}, {:.4g}) m".format(*one.centre), OUTLETS)
+    return [found[k] for k in sorted(found)]
+
+
+def _middles(edges: Array) -> Array:
+    return 0.5 * (edges[1:] + edges[:-1])
+
+
+def _within(grid: Box, border: Array) -> Mask:
+    """(ny, nx) columns whose middle lies in a polygon, or the one nearest to its middle."""
+    from shapely import Polygon, contains_xy
+
+    x, y = np.meshgrid(grid.r_centres, _middles(grid.y_edges))
+    found = np.asarray(contains_xy(Polygon(border), x, y))
+    if not found.any():
+        middle = border.mean(axis=0)
+        found.flat[int(np.argmin(np.hypot(x - middle[0], y - middle[1])))] = True
+    return found
+
+
+def _joined(free: Mask, start: Mask, end: Mask) -> bool:
+    """Whether a way through free cells leads from one set of them to another."""
+    number, _ = ndimage.label(free | start | end)
+    begins, ends = np.unique(number[start]), np.unique(number[end])
+    return bool(len(np.intersect1d(begins[begins > 0], ends[ends > 0])))
+
+
+def _reached(free: Mask) -> list[Mask]:
+    """The free cells of each layer, from the top down, that particles from above reach."""
+    found: list[Mask] = []
+    for k, layer in enumerate(free[::-1]):
+        above = found[-1] if found else layer
+        spread = ndimage.binary_dilation(above) if k % 2 else above
+        found.append(np.asarray(layer & spread))
+    return found
+
+
+def _rectangles(layer: Mask) -> tuple[tuple[int, int, int, int], ...]:
+    """A layer as few rectangles: first and last column and row, ends excluded."""
+    left = layer.copy()
+    found = []
+    while left.any():
+        row, column = map(int, np.unravel_index(int(np.argmax(left)), left.shape))
+        end = column + int(np.argmin(np.r_[left[row, column:], False]))
+        last = row + 1
+        while last < len(left) and left[last, column:end].all():
+            last += 1
+        left[row:last, column:end] = False
+        found.append((column, end, row, last))
+    return tuple(found)
+
+
+def _slabs(grid: Box, layers: Sequence[tuple[tuple[int, int, int, int], ...]], height: float) -> list[Boxes]:
+    """Layers, from the top down, in slabs no higher than `height` [m] and of few blocks; equal ones made one."""
+    x, y, z = grid.r_edges.tolist(), grid.y_edges.tolist(), grid.z_edges.tolist()
+    slabs: list[Boxes] = []
+    blocks: list[tuple[float, ...]] = []
+    begun = z[-1]
+    for k, layer in enumerate(layers):
+        high, low = z[-1 - k], z[-2 - k]
+        same = k > 0 and layer == layers[k - 1]
+        fresh = [] if same else [(x[a], x[b], y[c], y[d]) for a, b, c, d in layer]
+        if blocks and (begun - low > height * (1 + 1e-9) or len(blocks) + len(fresh) > MOST_BLOCKS):
+            slabs.append(Boxes(tuple(blocks)))
+            blocks, fresh, same = [], [(x[a], x[b], y[c], y[d]) for a, b, c, d in layer], False
+        if not blocks:
+            begun = high
+        if same:
+            blocks = [(*one[:4], low, one[5]) if one[4] == high else one for one in blocks]
+        blocks += [(*one, low, high) for one in fresh]
+    return [*slabs, *([Boxes(tuple(blocks))] if blocks else [])]

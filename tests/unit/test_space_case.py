@@ -1,0 +1,222 @@
+"""A case with walls in space: how it is read, planned and refused, its decks, its health, and its conserving field."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fakes.space_walls import square_hopper, write_stl
+
+from granpipe.case.reader import load_case, read_case, varied
+from granpipe.case.schema import Case
+from granpipe.dem.deck import make_deck, render
+from granpipe.dem.health import ArchError, FlowHealth
+from granpipe.dem.snapshot import Snapshot
+from granpipe.errors import CaseError, RunError
+from granpipe.field import Boxes
+from granpipe.homogenize.space_field import Projection
+from granpipe.pipeline.dem_stages import insertion_boxes
+from granpipe.pipeline.health_limits import space_limits
+from granpipe.planning.plan import Plan, make_plan, model_plans
+
+CASES = Path(__file__).parents[2] / "cases"
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    return load_case(CASES / "two_outlets.yaml")
+
+
+@pytest.fixture(scope="module")
+def plan(case: Case) -> Plan:
+    return make_plan(case)
+
+
+def test_the_resolved_case_is_read_again_as_the_same(case: Case, tmp_path: Path) -> None:
+    (tmp_path / "case.yaml").write_text(case.to_yaml())
+    assert load_case(tmp_path / "case.yaml") == case
+
+
+def test_walls_that_were_changed_since_are_refused(tmp_path: Path) -> None:
+    write_stl(tmp_path / "walls.stl", square_hopper())
+    text = (CASES / "two_outlets.yaml").read_text()
+    begin, end = text.index("vessel:"), text.index("material:")
+    (tmp_path / "case.yaml").write_text(f"{text[:begin]}vessel: {{file: walls.stl, unit: mm}}\n\n{text[end:]}")
+    resolved = load_case(tmp_path / "case.yaml").to_yaml()
+    write_stl(tmp_path / "walls.stl", 2 * square_hopper())
+    (tmp_path / "resolved.yaml").write_text(resolved)
+    with pytest.raises(CaseError, match="is not the file any more"):
+        load_case(tmp_path / "resolved.yaml")
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "says"),
+    [
+        ({"model": "fluid"}, ("model",), "by particles only"),
+        ({"model": "hybrid"}, ("model",), "by particles only"),
+        ({"fluid.rheology": "frictional"}, ("fluid",), "by particles only"),
+        ({"dem.outlet": "open"}, ("dem", "outlet"), "have plates"),
+        ({"dem.walls": "set_back"}, ("dem", "walls"), "stay where they are"),
+        ({"dem.facets": "24"}, ("dem", "facets"), "those of its file"),
+        ({"dem.thickness": "5 cm"}, ("dem", "thickness"), "only a slab"),
+        ({"homogenize.method": "gaussian"}, ("homogenize", "method"), "nearest conserving flow"),
+        ({"homogenize.fields": "[stress]"}, ("homogenize", "fields"), "on rings only"),
+        ({"homogenize.cell": "0.1 mm"}, ("vessel",), "cells of 0.0001 m"),
+        ({"export": "[openfoam]"}, ("export",), "choose of comsol, vtk"),
+        ({"flow_rate": "50 t/h"}, ("flow_rate",), "outlet left"),
+        ({"material.size": "{diameter: 8 mm}"}, ("vessel", "outlets", "left", "at"), "only 4 times"),
+    ],
+)
+def test_what_a_vessel_in_space_cannot_have_is_refused(
+    case: Case, changes: dict[str, str], key: tuple[str, ...], says: str
+) -> None:
+    with pytest.raises(CaseError) as error:
+        make_plan(varied(case, changes))
+    assert error.value.key == key
+    assert says in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("share: 60 %", "share: 50 %", "add up to 90 %"),
+        ("unit: mm", "unit: kg", "unit"),
+        ("two_outlets.stl ", "nowhere.stl ", "cannot be read"),
+        ("vessel:", "outline: {wall: [[1, 1], [1, 0]]}\nvessel:", "stands beside `vessel`"),
+        ("vessel:", "outline: {symmetry: space, sections: {a: [1, 0]}}\nvessel:", "has none of these"),
+        ("at: [-25, 0, 0]", "at: [-25, 0]", "three plain numbers"),
+    ],
+)
+def test_a_case_that_contradicts_itself_is_refused(tmp_path: Path, old: str, new: str, says: str) -> None:
+    text = (CASES / "two_outlets.yaml").read_text()
+    assert old in text
+    (tmp_path / "two_outlets.stl").write_bytes((CASES / "two_outlets.stl").read_bytes())
+    (tmp_path / "case.yaml").write_text(text.replace(old, new, 1))
+    with pytest.raises(CaseError, match=says):
+        read_case(tmp_path / "case.yaml")
+
+
+def test_space_without_a_vessel_is_refused() -> None:
+    with pytest.raises(CaseError, match="stands beside a `vessel`"):
+        load_case(CASES / "smoke.yaml", {"outline": "{symmetry: space}"})
+
+
+def test_models_side_by_side_say_why_there_is_one(case: Case) -> None:
+    plans = model_plans(case)
+    assert isinstance(plans["dem"], Plan)
+    assert isinstance(plans["fluid"], CaseError)
+    assert isinstance(plans["hybrid"], CaseError)
+
+
+def deck_text(plan: Plan, template: str) -> str:
+    assert plan.space is not None
+    boxes = insertion_boxes(plan.space, plan.dem, plan.dem.plate_z + 4e-3, 4e-3)
+    sides = (-0.05, 0.05), (-0.02, 0.02)
+    return render(make_deck(plan.case, plan.dem, boxes, (), sides, ["plate_left", "plate_right"]), template)
+
+
+def test_each_plate_sinks_with_its_part_of_the_flow(plan: Plan) -> None:
+    text = deck_text(plan, "produce.in")
+    for fix, mean in (("sinking", plan.dem.plate_speed), ("starting", plan.dem.start_speed)):
+        left, right = (
+            -float(re.findall(rf"fix {fix}_{side} all move/mesh mesh plate_{side} linear 0.0 0.0 (\S+?)\"", text)[0])
+            for side in ("left", "right")
+        )
+        assert left / right == pytest.approx(1.5)
+        assert 0.5 * (left + right) == pytest.approx(mean)
+    left = 1.2 * plan.dem.plate_speed
+    assert plan.dem.bottom < plan.dem.plate_z - left * plan.dem.length.room
+
+
+def test_particles_are_put_in_by_blocks(plan: Plan) -> None:
+    text = deck_text(plan, "fill.in")
+    unions = [line.split() for line in text.splitlines() if " union " in line]
+    assert unions
+    for words in unions:
+        names = words[4 : 4 + int(words[3])]
+        assert all(f"region          {name} block" in text for name in names)
+
+
+def test_blocks_are_cut_at_a_level() -> None:
+    boxes = Boxes(((0, 1, 0, 1, 0, 2), (1, 2, 0, 1, 1, 3)))
+    assert (boxes.z_low, boxes.z_high, boxes.volume) == (0, 3, 4)
+    upper = boxes.cut(1.5, 3)
+    assert upper.volume == pytest.approx(0.5 + 1.5)
+    assert boxes.cut(2.5, 3).blocks == ((1, 2, 0, 1, 2.5, 3),)
+
+
+def particles(step: int, position: np.ndarray) -> Snapshot:
+    """Particles of 6 mm at rest."""
+    count = len(position)
+    columns = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
+    still = np.zeros((count, 3))
+    values = np.column_stack([np.arange(count), np.ones(count), position, still, np.full(count, 3e-3)])
+    return Snapshot(step, np.array([[-1.0, 1.0]] * 3), columns, values)
+
+
+def health_of(plan: Plan, present: int) -> FlowHealth:
+    assert plan.space is not None
+    return FlowHealth(plan.dem, plan.case, space_limits(plan.space, plan.dem, 0.5), present)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.03), (0.0, 0.0, -0.01), (0.051, 0.0, 0.07), (-0.025, 0.0, -5.0)])
+def test_a_particle_outside_the_walls_ends_the_run(plan: Plan, place: tuple[float, float, float]) -> None:
+    inside = np.array([[-0.025, 0.0, 0.0], [0.025, 0.0, -0.01], [0.0, 0.0, 0.06], [0.0, 0.0, 0.1]])
+    health_of(plan, 4).snapshot(particles(0, inside))
+    with pytest.raises(RunError, match="1 particles are outside the walls"):
+        health_of(plan, 5).snapshot(particles(0, np.vstack([inside, place])))
+
+
+def falling(plan: Plan, moving: tuple[float, float]) -> None:
+    """Columns of particles above both outlets sink, each at its part of the plates' speed."""
+    health = health_of(plan, 1000)
+    height, side, depth = np.meshgrid(np.arange(-20, 120, 2) / 1e3, [-0.025, 0.025], np.linspace(-0.012, 0.012, 5))
+    columns = np.column_stack([side.ravel(), depth.ravel(), height.ravel()])
+    for number in range(90):
+        step = number * plan.dem.dump_every
+        travel = plan.dem.plate_speed * plan.dem.time_step * step
+        sunk = columns - travel * np.where(columns[:, :1] < 0, moving[0], moving[1]) * [0, 0, 1]
+        health.passing.add(particles(step, sunk))
+
+
+def test_an_arch_above_one_of_two_outlets_is_seen(plan: Plan) -> None:
+    """The other outlet alone carries 60 % of the flow: over both of them nothing would be missing."""
+    with pytest.raises(ArchError, match="outlet right"):
+        falling(plan, (1.2, 0.0))
+
+
+def test_flow_through_both_outlets_is_no_arch(plan: Plan) -> None:
+    falling(plan, (1.2, 0.8))
+
+
+def balanced(cells: np.ndarray, outlets: list[np.ndarray], leaving: list[float]) -> tuple[Any, ...]:
+    shape = cells.shape
+    random = np.random.default_rng(1)
+    sizes = [tuple(n + (axis == k) for axis, n in enumerate(shape)) for k in (2, 1, 0)]
+    faces = []
+    for k, axis in enumerate((2, 1, 0)):
+        mask = np.ones(sizes[k], bool)
+        if axis:  # sides are closed
+            for end in (0, -1):
+                index: list[Any] = [slice(None)] * 3
+                index[axis] = end
+                mask[tuple(index)] = False
+        faces.append(mask)
+    flow = tuple(random.normal(-1.0 if k == 2 else 0.0, 0.3, size) for k, size in enumerate(sizes))
+    variance = tuple(random.uniform(0.5, 2.0, size) for size in sizes)
+    return Projection(cells, faces, variance, outlets).of(flow, sum(leaving), leaving)
+
+
+def test_each_outlet_has_the_flow_that_is_asked_for() -> None:
+    cells = np.ones((6, 5, 8), bool)
+    left = np.zeros((5, 8), bool)
+    left[:, :4] = True
+    x, y, z = balanced(cells, [left, ~left], [24.0, 16.0])
+    assert -z[0][left].sum() == pytest.approx(24.0, rel=1e-10)
+    assert -z[0][~left].sum() == pytest.approx(16.0, rel=1e-10)
+    np.testing.assert_allclose(-z.sum(axis=(1, 2)), 40.0, rtol=1e-10)
+    out = np.diff(x, axis=2) + np.diff(y, axis=1) + np.diff(z, axis=0)
+    assert np.abs(out).max() <= 1e-12 * 40
