@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from validation import beverloo, dosta, error_bars, hoppers, janssen, lammps, monte_carlo, pebble_bed, repose
+from validation import article, beverloo, dosta, error_bars, hoppers, janssen, lammps, monte_carlo, pebble_bed, repose
 from validation.case import Verdict
 from validation.page import lines
 from validation.suite import CASES, results_of
@@ -57,6 +57,9 @@ def test_beverloo_intervals_hold_the_truth_as_often_as_they_say() -> None:
 def test_spreading_finds_b_of_gaussian_profiles() -> None:
     radius = np.linspace(0.125, 9.9, 40)
     profiles = [np.exp(-(radius**2) / (2.0 + 4 * 1.7 * z)) / (2.0 + 4 * 1.7 * z) for z in beverloo.HEIGHTS]
+    assert beverloo.local({"radius": radius, "profiles": profiles, "ratio": 8}, 3.0, 5.0) == pytest.approx(
+        1.7, rel=1e-3
+    )
     b, error, straight, levels = beverloo.spreading({"radius": radius, "profiles": profiles, "ratio": 8})
     assert b == pytest.approx(1.7, rel=1e-4)
     assert error < 1e-3
@@ -141,7 +144,15 @@ def test_a_column_by_janssens_law_holds_and_another_fails() -> None:
     _, stress, law, k, friction = janssen.janssen(a_column(0.0))
     assert (k, friction) == (pytest.approx(0.7), pytest.approx(0.15))
     assert law == pytest.approx(stress, rel=1e-9)
+    assert janssen.by_level(a_column(0.0)) == pytest.approx(stress, rel=1e-4)
     assert janssen.judge({"one": a_column(0.3)})[0].passed is False
+
+
+def test_a_wall_layer_ends_where_nine_tenths_of_the_core_are_reached() -> None:
+    """Speed 1, and 0.5 within 0.15 m of a wall at 1 m: 3 radii of particles of 0.1 m; none where all is a plug."""
+    r = np.arange(0.005, 1, 0.01)
+    assert article.layer(r, np.where(r < 0.85, 1.0, 0.5), 1.0, 0.1) == pytest.approx(3, abs=0.1)
+    assert article.layer(r, np.ones_like(r), 1.0, 0.1) == 0
 
 
 def test_wall_forces_come_from_the_file_of_liggghts(tmp_path: Path) -> None:
