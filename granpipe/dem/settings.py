@@ -47,6 +47,9 @@ START_BEVERLOO_SHARE = 0.5
 MOST_START_SHARE = 0.6
 """The same for a start speed of the case: beyond it the run is marked."""
 
+LEAST_CLEARANCE = 5.0
+"""Plate below the outlet in d90, at least; an outlet radius as well when the average begins."""
+
 LEAST_START_GAIN = 1.5
 """Start speed over the final one, at least: less saves nothing."""
 
@@ -293,20 +296,24 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     reservoir = _reservoir_height(case, vessel, classes)
     level = vessel.top + reservoir
     open_outlet = case.dem.outlet == "open"
-    clearance = 0.0 if open_outlet else max(5 * classes.d90, vessel.outlet_radius)
-    plate_z = vessel.outlet - clearance
+    least_clearance = 0.0 if open_outlet else LEAST_CLEARANCE * classes.d90
+    averaged_clearance = 0.0 if open_outlet else max(least_clearance, vessel.outlet_radius)
     feed = min(reservoir, 8 * classes.largest)
     skin = contact.two_digits(SKIN * classes.mean_diameter)
-    stress = vessel.bed_stress(level, plate_z, PACKING * case.material.density, case.contact.wall.friction)
+    stress = vessel.bed_stress(
+        level, vessel.outlet - averaged_clearance, PACKING * case.material.density, case.contact.wall.friction
+    )
     youngs, youngs_choice = _youngs_modulus(case, stress)
     speed, speed_choice = _flow_speed(case, vessel, classes, stress)
     start = _faster_start(case, vessel, classes, speed)
     inlet_speed = speed * vessel.outlet_area / vessel.inlet_area
-    fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + (
-        start.most if start else speed
-    )
-    step, rayleigh, step_choice = _time_step(case, classes, youngs, fall, skin)
     length = _length(case, vessel, classes, speed, start is not None)
+    # the plate sinks further before anything is averaged
+    clearance = max(least_clearance, averaged_clearance - length.start_travel)
+    plate_z = vessel.outlet - clearance
+    highest = start.most if start else speed
+    fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + highest
+    step, rayleigh, step_choice = _time_step(case, classes, youngs, fall, skin)
     plate_speed = 0.0 if open_outlet else speed
     travel = plate_speed * length.time + length.start_travel
     dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))

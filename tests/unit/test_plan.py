@@ -200,6 +200,16 @@ def test_a_faster_start_is_half_of_free_discharge_in_whole_segments_over_a_third
     assert plan.notes == plan_of(tiny).notes
 
 
+def test_the_plate_of_a_wide_outlet_is_a_radius_below_it_when_the_average_begins(tiny: Path) -> None:
+    """Content over outlet is 10 cm: a twelfth of it is the start's travel, and half a diameter after it."""
+    small = {"material__size": "{diameter: 4 mm}"}
+    plain, faster = plan_of(tiny, **small).dem, plan_of(tiny, **small, **FASTER).dem
+    assert plain.plate_z == pytest.approx(-0.06)
+    assert faster.plate_z == pytest.approx(-0.06 + 0.1 / 12 + 0.002)
+    assert -0.06 - 0.0004 < faster.plate_level(faster.segments_left_out * faster.segment_steps) <= -0.06
+    assert plan_of(tiny, **FASTER).dem.plate_z == pytest.approx(-5 * 0.02)
+
+
 def test_a_very_slow_plate_starts_in_one_segment_that_is_not_too_long(tiny: Path) -> None:
     dem = plan_of(tiny, **FASTER, dem__plate_speed="1e-5", dem__max_time="auto").dem
     assert dem.start_segments == 1
