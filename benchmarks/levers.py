@@ -22,7 +22,7 @@ from granpipe.errors import DataError
 from granpipe.field import Array, Field
 from granpipe.homogenize.average import Sums
 from granpipe.homogenize.statistics import LEAST_BLOCKS
-from granpipe.pipeline.averages import averaged_field, statistical_errors, steady_segments
+from granpipe.pipeline.averages import averaged_field, steady_segments
 from granpipe.pipeline.dem_stages import finished_productions
 from granpipe.pipeline.production import Production
 from granpipe.pipeline.records import SettleRecord
@@ -150,8 +150,8 @@ class Finished:
         plan = self.plan
         try:
             steady = steady_segments(segments, plan)
-            field = averaged_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter).field
-            return statistical_errors(field, plan.case.outline.levels)["whole"]
+            made = averaged_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter)
+            return float(made.figures.get("statistical_error", {}).get("whole", np.inf))
         except DataError:  # too few segments, or no flow at some level yet
             return float("inf")
 
