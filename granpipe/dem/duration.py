@@ -32,7 +32,7 @@ STEADY = 1.4
 
 START_SHARE = 1 / 3
 """Part of the least travel that a faster start takes over: how far the flow has developed is a matter of travel, not of
-time (docs/validation/levers.md)."""
+time."""
 
 AFTER_START = 0.5
 """Travel after a faster start that is not averaged, in Sauter diameters: speeds follow the plate's at once, contacts
