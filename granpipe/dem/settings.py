@@ -309,7 +309,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     inlet_speed = speed * vessel.outlet_area / vessel.inlet_area
     length = _length(case, vessel, classes, speed, start is not None)
     # the plate sinks further before anything is averaged
-    clearance = max(least_clearance, averaged_clearance - length.start_travel)
+    clearance = max(least_clearance, averaged_clearance - min(vessel.plates) * length.start_travel)
     plate_z = vessel.outlet - clearance
     highest = start.most if start else speed
     fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + highest
