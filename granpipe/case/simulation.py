@@ -99,8 +99,8 @@ class Homogenize(Group):
 
     cell: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=10, auto=True)] = Field(
         default="auto",
-        description="Edge length of the cells of the r–z grid; `auto`: a quarter of the Sauter diameter, or a "
-        "fortieth of the narrowest opening for a fluid.",
+        description="Edge length of the cells of the r–z grid; `auto`: a quarter of the Sauter diameter (half of "
+        "it in space), or a fortieth of the narrowest opening for a fluid.",
     )
     method: Annotated[Method, OneOf(Method)] = Field(
         default="psi",

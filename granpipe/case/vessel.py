@@ -12,12 +12,17 @@ from pydantic import Field, model_validator
 from granpipe.case.units import UnitError, length_unit
 from granpipe.case.values import File, Group, Identifier, Name, Place, Quantity, refuse
 from granpipe.case.yamlfile import Places
+from granpipe.drawings.cad import STEP, read_cad_triangles
 from granpipe.drawings.lines import Points
 from granpipe.drawings.surface import read_triangles
 from granpipe.errors import CaseError
 
 SHARES = 1e-6
 """Shares of the outlets add up to one, to this."""
+
+TRIANGLES = (".stl", ".obj")
+CAD = (*STEP, ".brep")
+"""Endings of the files that are read."""
 
 _KEY = ("vessel", "file")
 
@@ -37,10 +42,13 @@ class VesselSpec(Group):
     """The vessel's walls in space, in place of `outline`: any shape, with an inlet at the top; by particles only."""
 
     file: Annotated[str, File()] = Field(
-        description="Triangles of the walls, STL or OBJ, z up, open only at the inlet (top) and at the outlets "
-        "(bottom); relative to the folder of the case file. Obstacles are closed surfaces inside."
+        description="The walls, z up, relative to the folder of the case file: triangles (STL, OBJ) that are open only "
+        "at the inlet (top) and at the outlets (bottom), with obstacles as closed surfaces inside; or the inside as a "
+        "body (STEP, BREP), which is opened at its flat faces at the top and the bottom."
     )
-    unit: Annotated[str, Identifier()] = Field(default="m", description="Unit of the file: m, cm, mm, ft, ….")
+    unit: Annotated[str, Identifier()] = Field(
+        default="m", description="Unit of the file and of `at`: m, cm, mm, ft, …; a STEP file knows its own."
+    )
     outlets: dict[Annotated[str, Identifier()], OutletSpec] = Field(
         default_factory=dict,
         description="Every opening at the bottom, by name. Not needed where there is one.",
@@ -103,11 +111,17 @@ def vessel_triangles(spec: VesselSpec) -> tuple[Points, Any]:
     path = Path(spec.file)
     if _digest(path, Places("")) != spec.sha256:
         raise CaseError(f"{path} was changed after the case was read: run again", _KEY)
+    kind = path.suffix.lower()
     try:
-        points, triangles = read_triangles(path)
+        if kind in CAD:
+            points, triangles = read_cad_triangles(path)
+        elif kind in TRIANGLES:
+            points, triangles = read_triangles(path)
+        else:
+            raise CaseError(f"{kind or 'no ending'} is not read: give a file of {', '.join((*TRIANGLES, *CAD))}")
     except CaseError as error:
         raise CaseError(f"{path.name}: {error.message}", _KEY) from None
-    return points * spec.metres, triangles
+    return points * (1.0 if kind in STEP else spec.metres), triangles
 
 
 def _digest(path: Path, places: Places) -> str:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granpipe.drawings.lines import Line, Lines, Points
 from granpipe.errors import CaseError, MeshError
@@ -24,6 +25,12 @@ _AXES = ("z", "y", "x")
 
 _SAME_VOLUME = 1e-3
 """Relative difference of a body's volume from that of its section turned about the axis, at most."""
+
+_LEVEL, _PIECES, _PER_TURN = 1e-5, 20, 48
+"""Of the size: what is level, and edges of triangles of a surface; triangles in a full turn of a curved one."""
+
+STEP = (".step", ".stp")
+"""Endings of files that know their unit."""
 
 _MOST_POINTS = 4096  # of a curve
 
@@ -52,17 +59,36 @@ def read_cad(path: Path, sagitta: float | None = None, up: str = "") -> Lines:
     ------
     CaseError : no such file, not a body of revolution, or no face is left of it
     """
+    found = _asked({"path": str(path), "sagitta": sagitta, "up": up})
+    unit = "m" if path.suffix.lower() in STEP else ""
+    return Lines([Line(np.array(points)) for points in found["lines"]], unit, half=True)
+
+
+def read_cad_triangles(path: Path) -> tuple[Points, NDArray[np.int64]]:
+    """(n, 3) corners and (m, 3) which of them each triangle has, of the faces of a CAD file; in m of a STEP file.
+
+    Of bodies the flat faces at the very top and bottom are left out: a body is the inside of a vessel, which is open
+    there. z is up.
+
+    Raises
+    ------
+    CaseError : no such file, or OpenCASCADE or gmsh cannot read it or mesh it
+    """
+    found = _asked({"path": str(path), "triangles": True})
+    return np.array(found["points"], dtype=float).reshape(-1, 3), np.array(found["corners"], dtype=np.int64)
+
+
+def _asked(question: dict[str, Any]) -> dict[str, Any]:
+    """What a process of its own answers; CaseError where it says why it has no answer, or ends without one."""
     with tempfile.TemporaryDirectory() as folder:
-        answer = Path(folder) / "lines.json"
-        asked = json.dumps({"path": str(path), "sagitta": sagitta, "up": up, "answer": str(answer)})
-        command = [sys.executable, "-m", "granpipe.drawings.cad", asked]
+        answer = Path(folder) / "answer.json"
+        command = [sys.executable, "-m", "granpipe.drawings.cad", json.dumps(question | {"answer": str(answer)})]
         with contextlib.suppress(subprocess.TimeoutExpired):
             subprocess.run(command, env=python_environment(), capture_output=True, timeout=TIMEOUT, check=False)
-        found = json.loads(answer.read_text()) if answer.exists() else {"error": _UNREADABLE}
+        found: dict[str, Any] = json.loads(answer.read_text()) if answer.exists() else {"error": _UNREADABLE}
     if "error" in found:
         raise CaseError(found["error"])
-    unit = "m" if path.suffix.lower() in (".step", ".stp") else ""
-    return Lines([Line(np.array(points)) for points in found["lines"]], unit, half=True)
+    return found
 
 
 def _limit_time(asked: str) -> None:
@@ -83,14 +109,44 @@ def _answer(asked: str) -> None:
             gmsh.option.setString("Geometry.OCCTargetUnit", "M")
             gmsh.model.occ.importShapes(str(path))
             gmsh.model.occ.synchronize()
-            bodies, sagitta, up = gmsh.model.getEntities(3), question["sagitta"], question["up"]
-            lines = _cut(gmsh, bodies, sagitta, up) if bodies else _face(gmsh, sagitta, up)
-            answer = {"lines": [line.points.tolist() for line in lines]}
+            bodies = gmsh.model.getEntities(3)
+            if question.get("triangles"):
+                answer = _meshed(gmsh, bodies)
+            else:
+                sagitta, up = question["sagitta"], question["up"]
+                lines = _cut(gmsh, bodies, sagitta, up) if bodies else _face(gmsh, sagitta, up)
+                answer = {"lines": [line.points.tolist() for line in lines]}
     except CaseError as error:
         answer = {"error": error.message}
     except MeshError:
         answer = {"error": _UNREADABLE}
     Path(question["answer"]).write_text(json.dumps(answer))
+
+
+def _meshed(gmsh: Any, bodies: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    """Corners and triangles of all faces, but for the flat ones at the top and the bottom of bodies."""
+    low, high = _box(gmsh)
+    size = float((high - low).max())
+    if bodies:
+        for dimension, tag in gmsh.model.getEntities(2):
+            box = np.array(gmsh.model.getBoundingBox(dimension, tag)).reshape(2, 3)
+            level = np.ptp(box[:, 2]) < _LEVEL * size
+            if level and min(abs(box[0, 2] - low[2]), abs(high[2] - box[1, 2])) < _LEVEL * size:
+                gmsh.model.setPhysicalName(dimension, gmsh.model.addPhysicalGroup(dimension, [tag]), "open")
+    open_faces = {int(tag) for _, group in gmsh.model.getPhysicalGroups(2)
+                  for tag in gmsh.model.getEntitiesForPhysicalGroup(2, group)}  # fmt: skip
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size / _PIECES)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", _PER_TURN)
+    gmsh.model.mesh.generate(2)
+    tags, points, _ = gmsh.model.mesh.getNodes()
+    place = np.zeros(int(tags.max()) + 1, dtype=int)
+    place[tags] = np.arange(len(tags))
+    corners: list[list[int]] = []
+    for dimension, tag in gmsh.model.getEntities(2):
+        if tag not in open_faces:
+            _, _, nodes = gmsh.model.mesh.getElements(dimension, tag)
+            corners += [row for one in nodes for row in place[one.reshape(-1, 3)].tolist()]
+    return {"points": points.tolist(), "corners": corners}
 
 
 def _box(gmsh: Any) -> tuple[Points, Points]:

@@ -9,8 +9,11 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import psutil
+
 from granpipe.case.reader import CaseFile
 from granpipe.errors import CaseError, RunError
+from granpipe.field import Box
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.failure import NoFieldError
 from granpipe.pipeline.failure_report import failure_folder, withdraw, write_failure
@@ -19,6 +22,7 @@ from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.results import case_origin, check_folder, is_current, results_key, write_results
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Model, Plan, make_plan
+from granpipe.planning.space import sums_memory
 from granpipe.progress import Progress, duration_text
 from granpipe.system.cores import usable_cores
 from granpipe.system.files import digest
@@ -122,6 +126,7 @@ def _run(
         raise RunError("not begun; a larger dem.coarse_grain_factor or a shorter dem.max_time takes less time")
     try:
         if plan.runs:
+            _require_sums(plan)
             _require_cores(plan, context.cores)
             _require_programs(plan)
             plan = _with_checked_stiffness(plan, context)
@@ -194,6 +199,20 @@ def _require_cores(plan: Plan, cores: int) -> None:
     """CaseError where the case asks for more ranks than there are cores: two on one core wait for each other."""
     if (wanted := max(run.dem.ranks for run in plan.runs)) > cores:
         raise CaseError(f"{wanted} ranks, but this machine has {cores} cores", ("dem", "ranks"))
+
+
+def _require_sums(plan: Plan) -> None:
+    """CaseError where the sums of a run in space take more memory than is free."""
+    if plan.space is None or not isinstance(plan.grid, Box):
+        return
+    needed, free = sums_memory(plan.grid, plan.dem.segments), psutil.virtual_memory().available
+    if needed > free:
+        raise CaseError(
+            f"the sums of {plan.dem.segments} segments on {' × '.join(map(str, plan.grid.shape))} cells take "
+            f"{needed / 1e9:.3g} GB of memory, of which {free / 1e9:.3g} GB are free: give a larger cell than "
+            f"{plan.grid.cell:.3g} m",
+            ("homogenize", "cell"),
+        )
 
 
 def _require_programs(plan: Plan) -> None:

@@ -28,11 +28,11 @@ from granpipe.planning.space import (
     check_space,
     check_space_flow,
     grid_decision,
-    memory,
     outlet_decisions,
     settings_vessel,
     space_grid,
     space_vessel,
+    sums_memory,
 )
 from granpipe.planning.submodel import Span, spans, sub_case
 from granpipe.planning.wall_factors import wall_factor_decisions
@@ -650,7 +650,7 @@ def _space_plan(case: Case, cores: int, model: Model = "dem") -> Plan:
         notes=check_space_flow(case, vessel),
         particle_steps=_particle_steps(case, settings, settings.steps),
         seconds=_seconds(case, settings, settings.steps, cores),
-        disk_bytes=case.dem.replicas * (_disk(case, settings) + memory(grid, settings.segments)),
+        disk_bytes=case.dem.replicas * (_disk(case, settings) + sums_memory(grid, settings.segments)),
         space=vessel,
     )
 

@@ -159,7 +159,7 @@ def outlet_decisions(vessel: SpaceVessel, plate_speed: float) -> list[Decision]:
     ]
 
 
-def memory(grid: Box, segments: int) -> float:
+def sums_memory(grid: Box, segments: int) -> float:
     """What the sums of a run take [bytes]."""
     return BYTES_PER_CELL * math.prod(grid.shape) * (segments + 2 * LEAST_BLOCKS)
 
@@ -167,7 +167,7 @@ def memory(grid: Box, segments: int) -> float:
 def grid_decision(grid: Box, segments: int) -> Decision:
     """Size of the grid, and what it costs."""
     cells = " × ".join(map(str, grid.shape))
-    needed = memory(grid, segments)
+    needed = sums_memory(grid, segments)
     criterion = f"cells of {grid.cell:.3g} m; {segments} segments of sums take {needed / 1e9:.2g} GB of memory and disk"
     return Decision("grid in space", cells, criterion)
 

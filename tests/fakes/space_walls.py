@@ -38,11 +38,11 @@ def square_hopper() -> Triangles:
     return between([rectangle(60, 60, 80), rectangle(60, 60, 55), rectangle(35, 35, 0)])
 
 
-def two_outlets() -> Triangles:
+def two_outlets(ridge: float = 40.0, height: float = 90.0) -> Triangles:
     """A bin above two hoppers that meet in a ridge, mm; outlets of 32 mm at x = ±25 mm."""
-    top, ends = rectangle(100, 40, 90), {-1: rectangle(50, 40, 40, x=-25), 1: rectangle(50, 40, 40, x=25)}
+    top, ends = rectangle(100, 40, height), {side: rectangle(50, 40, ridge, x=25 * side) for side in (-1, 1)}
     hoppers = [between([ends[side], rectangle(32, 32, 0, x=25 * side)]) for side in (-1, 1)]
-    (a, b, c, d), front, back = top, np.array([0, -20, 40]), np.array([0, 20, 40])
+    (a, b, c, d), front, back = top, np.array([0, -20, ridge]), np.array([0, 20, ridge])
     p, q, r, s = ends[-1][0], ends[1][1], ends[1][2], ends[-1][3]
     bin_walls = [(a, p, front), (a, front, b), (b, front, q), (c, r, back), (c, back, d), (d, back, s)]
     bin_walls += [(b, q, r), (b, r, c), (d, s, p), (d, p, a)]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fakes.drawings import write_step
 from fakes.space_walls import square_hopper, write_stl
 
 from granpipe.case.reader import load_case, read_case, varied
@@ -220,3 +221,38 @@ def test_each_outlet_has_the_flow_that_is_asked_for() -> None:
     np.testing.assert_allclose(-z.sum(axis=(1, 2)), 40.0, rtol=1e-10)
     out = np.diff(x, axis=2) + np.diff(y, axis=1) + np.diff(z, axis=0)
     assert np.abs(out).max() <= 1e-12 * 40
+
+
+def test_a_step_file_of_the_inside_is_opened_at_top_and_bottom(tmp_path: Path) -> None:
+    """A round hopper, drawn in mm: its areas are those of 48 chords, its case one whose unit is that of `at` alone."""
+    wall = [(30.0, 80.0), (30.0, 50.0), (18.0, 0.0)]
+    write_step(tmp_path / "walls.step", [(r / 1000, z / 1000) for r, z in wall], {}, turned=True)
+    text = (CASES / "two_outlets.yaml").read_text()
+    begin, end = text.index("vessel:"), text.index("material:")
+    vessel = "vessel: {file: walls.step, unit: mm, outlets: {out: {at: [5, 0, 0], share: 1}}}"
+    (tmp_path / "case.yaml").write_text(f"{text[:begin]}{vessel}\n\n{text[end:]}")
+    made = make_plan(load_case(tmp_path / "case.yaml")).space
+    assert made is not None
+    assert made.outlets[0].opening.area == pytest.approx(np.pi * 0.018**2, rel=0.01)
+    assert made.inlet.area == pytest.approx(np.pi * 0.030**2, rel=0.01)
+    cone = np.pi * 0.05 / 3 * (0.030**2 + 0.030 * 0.018 + 0.018**2)
+    assert made.outline.volume() == pytest.approx(cone + np.pi * 0.030**2 * 0.03, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("walls.step", b"ISO-10303-21; nonsense", "not a STEP or BREP file"),
+        ("walls.stl", b"solid nothing\nendsolid nothing\n", "no triangles"),
+        ("walls.stl", b"\x00" * 10, "no triangles"),
+        ("walls.iges", b"IGES", "is not read"),
+    ],
+)
+def test_files_that_are_no_walls_are_refused(tmp_path: Path, name: str, content: bytes, says: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    text = (CASES / "two_outlets.yaml").read_text()
+    begin, end = text.index("vessel:"), text.index("material:")
+    (tmp_path / "case.yaml").write_text(f"{text[:begin]}vessel: {{file: {name}, unit: mm}}\n\n{text[end:]}")
+    with pytest.raises(CaseError, match=says) as error:
+        make_plan(load_case(tmp_path / "case.yaml"))
+    assert error.value.key == ("vessel", "file")
