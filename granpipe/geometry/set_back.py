@@ -20,6 +20,7 @@ WALLS_KEY: KeyPath = ("dem", "walls")
 MOST = 3.0
 """Farthest that a point of the drawn walls may move, in distances: corners of the solid down to 39°."""
 
+_FINEST = 1e-4  # of the vessel's size: places along the walls at which their way is measured
 _ROUNDING = 1e-9  # of the vessel's size: coordinates are the same whatever the machine
 
 
@@ -34,7 +35,7 @@ def set_back(outline: Outline, distance: float) -> Outline:
     Parameters
     ----------
     outline : of a body of revolution
-    distance : by which walls move [m]
+    distance : by which walls move [m]; less than ten times what two points must be apart moves nothing
 
     Raises
     ------
@@ -44,6 +45,8 @@ def set_back(outline: Outline, distance: float) -> Outline:
     import shapely
 
     top, bottom, tolerance = outline.z_top, outline.z_bottom, outline.tolerance
+    if distance < 10 * tolerance:
+        return outline
     vessel, solids = _mirrored(outline, MOST * distance)
     free = vessel.difference(shapely.union_all(list(solids.values()))) if solids else vessel
     wider, freer = (shape.buffer(distance, join_style="mitre", mitre_limit=20) for shape in (vessel, free))
@@ -123,12 +126,13 @@ def _check_moved(outline: Outline, free: BaseGeometry, faces: BaseGeometry, dist
     """
     import shapely
 
+    step = max(distance, _FINEST * (outline.z_top - outline.z_bottom + outline.r_max))
     most = MOST * distance * (1 + 1e-6) + outline.tolerance
     solids = {name: shapely.Polygon(one) for name, one in outline.obstacles.items()}
     drawn: list[tuple[KeyPath, BaseGeometry]] = [(WALL_KEY, shapely.LineString(outline.wall))]
     drawn += [(obstacle_key(name), solid.boundary) for name, solid in solids.items()]
     for key, line in drawn:
-        places = shapely.get_coordinates(shapely.segmentize(line, distance))
+        places = shapely.get_coordinates(shapely.segmentize(line, step))
         points = shapely.points(places)
         seen = shapely.distance(points, free) <= outline.tolerance  # where solids touch each other nothing is free
         moved = np.where(seen, shapely.distance(points, faces), 0.0)

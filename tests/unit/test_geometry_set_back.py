@@ -143,3 +143,9 @@ def test_no_point_of_the_walls_is_nearer_than_the_distance_nor_much_farther(wall
     there = shapely.points(shapely.get_coordinates(shapely.segmentize(shapely.LineString(drawn.wall), distance)))
     assert shapely.distance(there, shapely.LineString(back.wall)).max() < MOST * distance + 2 * drawn.tolerance
     assert back.volume() > drawn.volume()
+
+
+def test_a_distance_that_the_drawing_does_not_resolve_moves_nothing() -> None:
+    drawn = Outline.of(SHAFT)
+    assert set_back(drawn, 1e-8) is drawn
+    assert set_back(drawn, 1e-5).wall[:, 0] == pytest.approx(0.06001)
