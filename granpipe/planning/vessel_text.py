@@ -66,13 +66,13 @@ def contents_text(plan: Plan) -> str:
         density, source = PACKING * material.density, f"for a packing of {PACKING:g}"
     factor = plan.case.dem.coarse_grain_factor
     simulated = classes.enlarged(factor)
-    number = density / material.density * plan.outline.volume() / simulated.mean_volume
+    number = density / material.density * plan.simulated.volume() / simulated.mean_volume
     lines = [
         f"material  {density * plan.outline.volume() / 1000:.3g} t in the vessel, {density:.4g} kg/m³ {source}",
         f"particles {number:.0f} in the vessel, ⌀ {2 * classes.smallest:.4g} … {2 * classes.largest:.4g} m, "
         f"d90 {classes.d90:.4g} m" + ("" if factor == 1 else f", simulated with ⌀ × {factor:g}"),
     ]
-    for one in plan.openings:
+    for one in plan.openings if plan.set_back is None else find_openings(plan.set_back):
         lines.append(f"opening   {one.name}: {one.gap / simulated.d90:.3g} × d90 (at least {LEAST_GAP:g}, better 10)")
     return "\n".join(lines)
 

@@ -10,6 +10,7 @@ import pytest
 from granpipe.case.reader import load_case
 from granpipe.errors import CaseError
 from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.vessel_text import contents_text
 from granpipe.study.points import make_study
 
 CASES = Path(__file__).parents[2] / "cases"
@@ -43,6 +44,14 @@ def test_the_fields_grid_is_that_of_the_vessel_as_drawn(tiny: Path) -> None:
     assert np.array_equal(wide.z_edges, plan.grid.z_edges)
     assert np.array_equal(wide.r_edges[: len(plan.grid.r_edges)], plan.grid.r_edges)
     assert wide.r_edges[-1] >= 0.065
+
+
+def test_the_contents_that_are_told_are_those_between_the_walls_set_back(tiny: Path) -> None:
+    told, drawn = (contents_text(plan_of(tiny, dem__walls=walls)) for walls in ("set_back", "as_drawn"))
+    assert "outlet: 6.5 × d90" in told
+    assert "outlet: 6 × d90" in drawn
+    more = [int(text.split("particles ")[1].split()[0]) for text in (drawn, told)]
+    assert more[1] / more[0] == pytest.approx((0.065 / 0.06) ** 2, rel=0.01)
 
 
 def test_of_several_sizes_the_sauter_radius_counts(tiny: Path) -> None:
