@@ -28,6 +28,7 @@ class Planned:
     plate : levels of the plate at the start and at the end; None without one
     surfaces : lines (n, 2) of the free surfaces to be expected
     repose : their angle from the horizontal [rad]
+    set_back : lines (n, 2) of the walls that particles see where these are not those as drawn
     """
 
     wall: Array
@@ -40,6 +41,7 @@ class Planned:
     plate: tuple[float, float] | None
     surfaces: Sequence[Array]
     repose: float
+    set_back: Sequence[Array] = ()
 
 
 def plan_picture(planned: Planned, title: str, path: Path) -> None:
@@ -66,6 +68,8 @@ def plan_picture(planned: Planned, title: str, path: Path) -> None:
             axes.axvline(0.0, color=STONE, linestyle="-.", linewidth=0.8)
         else:
             axes.plot(*left.T, color=INK, linewidth=1.5)
+        for line in planned.set_back:
+            axes.plot(*line.T, color=INK, linestyle=":", linewidth=1.0)
         for line in planned.surfaces:
             axes.plot(*line.T, color=RED, linestyle="--", linewidth=1.0)
         for number, (name, (z, inner, outer)) in enumerate(planned.openings.items()):
@@ -88,6 +92,8 @@ def plan_picture(planned: Planned, title: str, path: Path) -> None:
         if planned.axial:
             told = f"red: free surfaces to be expected ({np.degrees(planned.repose):.0f}°)"
             figure.text(0.01, 0.005, told, fontsize=7, color=RED)
+        if planned.set_back:
+            figure.text(0.99, 0.005, "dotted: walls that particles see", fontsize=7, color=INK, ha="right")
         figure.savefig(path, dpi=DPI)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from granpipe.export.plan_picture import Planned, plan_picture
 from granpipe.geometry.free_surfaces import free_surfaces
 from granpipe.geometry.openings import find_openings
@@ -32,7 +34,7 @@ def draw_plan(plan: Plan, path: Path) -> str:
 
 def planned(plan: Plan) -> Planned:
     """What the picture of a plan shows."""
-    outline, runs = plan.outline, plan.runs
+    outline, runs, seen = plan.outline, plan.runs, plan.set_back
     by_particles = [(run.outline.z_bottom, run.outline.z_top) for run in runs]
 
     def simulated(top: float, bottom: float) -> bool:
@@ -52,4 +54,5 @@ def planned(plan: Plan) -> Planned:
         plate=None if dem is None or dem.open_outlet else (dem.plate_z, dem.plate_level(dem.steps)),
         surfaces=free_surfaces(outline, repose) if outline.measure.axial else [],
         repose=repose,
+        set_back=() if seen is None else (seen.wall, *(np.vstack([p, p[:1]]) for p in seen.obstacles.values())),
     )

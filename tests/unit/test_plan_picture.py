@@ -9,7 +9,7 @@ import pytest
 
 from granpipe.case.reader import load_case
 from granpipe.errors import CaseError
-from granpipe.pipeline.plan_picture import draw_plan
+from granpipe.pipeline.plan_picture import draw_plan, planned
 from granpipe.planning.plan import make_plan
 from granpipe.planning.vessel_text import contents_text
 
@@ -36,3 +36,10 @@ def test_a_plan_is_drawn_and_an_unwritable_place_is_said(tiny: Path, tmp_path: P
     assert draw_plan(plan, tmp_path / "plan.png") == f"picture   {tmp_path / 'plan.png'}"
     assert (tmp_path / "plan.png").stat().st_size > 10_000
     assert draw_plan(plan, tmp_path / "none" / "plan.png").startswith("no picture")
+
+
+def test_walls_that_particles_see_are_drawn_where_they_are_set_back(tiny: Path) -> None:
+    back = {"material.size": "{diameter: 1 cm}", "dem.coarse_grain_factor": "2", "dem.walls": "set_back"}
+    (wall,) = planned(make_plan(load_case(tiny, back))).set_back
+    assert wall[:, 0] == pytest.approx(0.065)
+    assert planned(make_plan(load_case(tiny))).set_back == ()
