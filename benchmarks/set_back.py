@@ -392,12 +392,12 @@ diameter from all of them. *Better by*: how much smaller the squared error is th
 errors; the noise of the truth, common to both, is counted twice, so this is on the safe side. *In the solid*: largest
 part of a level's flow that passes it beyond the drawn walls.
 
-**What is known.** Walls set back halve the error of the flat-bottomed silo, 21.3 to 10.9 % (an earlier pair of fillings:
-12.1 %), make a field of the narrow vessel, in which enlarged particles arch between walls as drawn, and neither help
-nor harm in the hopper: 13.3 and 13.8 % (earlier: 12.6 %). So `as_drawn` stays the default; `set_back` is for vessels
-with a flat floor, or with ways that are narrow for enlarged particles. The truths of `flat` and `hopper` are one run
-each. The radius r of several sizes is the Sauter radius in all of it; other means were not tried. Not known: axis
-cones, rings and other obstacles against a truth, and k above 2.
+**What is known.** Walls set back halve the error of the flat-bottomed silo, 21.3 to 10.9 % (an earlier pair of
+fillings: 12.1 %), make a field of the narrow vessel, where the flow of enlarged particles between walls as drawn is
+never steady, and neither help nor harm in the hopper: 13.3 and 13.8 % (earlier: 12.6 %). So `as_drawn` stays the
+default; `set_back` is for vessels with a flat floor, or with ways that are narrow for enlarged particles. The truths of
+`flat` and `hopper` are one run each. The radius r of several sizes is the Sauter radius in all of it; other means were
+not tried. Not known: axis cones, rings and other obstacles against a truth, and k above 2.
 """
 TAIL = """\
 ## What was tried before
