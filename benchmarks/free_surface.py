@@ -7,6 +7,8 @@ surface of the settled bed and of the flowing one, its standard error from 8 sec
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -102,10 +104,9 @@ def run(scene: Scene, results: Path, seconds: float, flow: bool) -> None:
     path = results / f"{scene.name}.yaml"
     path.write_text(scene.text(seconds))
     case = read_case(path).case
-    dem_stages.FILL_ANGLE = np.radians(scene.filling)
     store = Store(results / ".store")
     versions = library_versions() | program_versions(store.root / "programs.json")
-    with Console() as console:
+    with Console() as console, filling(scene.filling):
         context = Context(store, versions, console, 1)
         plan = with_checked_stiffness(make_plan(case, 1), context)
         settled = dem_stages.settle(plan, context)
@@ -117,6 +118,17 @@ def run(scene: Scene, results: Path, seconds: float, flow: bool) -> None:
     kept = {name: report[name] for name in ("steps", "particles", "wall_seconds", "overlap")}
     write_json(results / f"{scene.name}.json", {"angles": angles, "seconds": seconds, "settle": kept})
     print(scene.name, angles)
+
+
+@contextmanager
+def filling(degrees: float) -> Iterator[None]:
+    """Meanwhile granpipe fills under edges up to another angle."""
+    own = dem_stages.FILL_ANGLE
+    dem_stages.FILL_ANGLE = np.radians(degrees)
+    try:
+        yield
+    finally:
+        dem_stages.FILL_ANGLE = own
 
 
 def surface(snapshot: Snapshot) -> tuple[float, float]:

@@ -42,7 +42,13 @@ def deck(plan: Plan, walls: Mapping[str, str], seconds: float, *, every: int, lo
     walls : region of each, in LAMMPS' words, by name; the variable v_sunk is how far the plate has sunk
     every : steps from one snapshot to the next
     lost : what becomes of particles that leave the box: error or ignore
+
+    Raises
+    ------
+    RunError : the plate starts faster, which this deck does not
     """
+    if plan.dem.start_segments:
+        raise RunError("LAMMPS' plate has one speed here: give the case a dem.start_speed below its plate's speed")
     settings, contact = plan.dem, plan.case.contact
     poisson, diameter = contact.poisson, plan.dem.classes.sauter_diameter
     tangential = math.sqrt(2 * (1 - poisson) / (2 - poisson))
@@ -94,6 +100,11 @@ def cylinder(radius: float, low: float, high: float) -> str:
 def cone(low_radius: float, high_radius: float, low: float, high: float) -> str:
     """A wall open at both ends."""
     return f"cone z 0 0 {low_radius:.10g} {high_radius:.10g} {low:.10g} {high:.10g} open 1 open 2"
+
+
+def ring(inner: float, outer: float, height: float) -> str:
+    """A level ring with free edges, seen from both sides: a cone that rises by ten micrometres."""
+    return cone(inner, outer, height - 1e-5, height)
 
 
 def program() -> Path:

@@ -6,6 +6,7 @@ import math
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,11 +27,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SECONDS, START = 2.0, 0.5
+WINDOW = (START, SECONDS)
 ANGLE, OUTLET, WIDENING = 26.6, 10.0, 1.6  # half-angle [°], outlet [d], shaft over outlet
 FRICTION, ROLLING, WALL = 0.5, 0.1, 0.3
 DENSITY, POISSON, RESTITUTION = 2500.0, 0.35, 0.43
 RESERVOIR = 0.065  # m: enough for the whole run, so that LAMMPS needs no feed
 TOLERANCE = 0.05
+ONE_SPEED = "1 mm/s"  # of the start: less than the plate's, which has one speed then, as in LAMMPS
 
 RADIUS = 0.5 * OUTLET * DIAMETER
 WIDE = WIDENING * RADIUS
@@ -57,7 +60,13 @@ contact:
   wall: {{friction: {WALL:g}}}
 flow_rate: 0.2 kg/s
 model: dem
-dem: {{max_time: {SECONDS:g} s, reservoir_height: {RESERVOIR:g} m, ranks: 1, keep_snapshots: all, seed: {seed}}}
+dem:
+  max_time: {SECONDS:g} s
+  start_speed: {ONE_SPEED}
+  reservoir_height: {RESERVOIR:g} m
+  ranks: 1
+  keep_snapshots: all
+  seed: {seed}
 homogenize: {{start: {START:g} s}}
 export: []
 figures: []
@@ -71,7 +80,7 @@ def liggghts(folder: Path, seed: int) -> Data:
     plan, production = production_of(name, folder)
     last = production.reports()[-1]
     steps = len(production.segments) * plan.dem.segment_steps
-    homogenize(sorted((production.folder / "snapshots").glob("*.bin"), key=first_step), plan, folder, name)
+    homogenize((production.folder / "snapshots").glob("*.bin"), plan, folder / "hopper1.yaml", name)
     particles = np.mean([report.particles for report in production.reports()])
     found = {} if seed == 1 else dict(apart(folder, plan, name))
     return found | {
@@ -93,7 +102,7 @@ def lammps(folder: Path) -> Data:
     (work / "in.lammps").write_text(deck(plan, walls(plan), SECONDS, every=plan.dem.dump_every))
     seconds = run_lammps(work)
     steps = round(SECONDS / plan.dem.time_step)
-    homogenize(sorted(work.glob("dump.*.txt"), key=first_step), plan, folder, "lammps")
+    homogenize(work.glob("dump.*.txt"), plan, folder / "hopper1.yaml", "lammps")
     speed = len(bed) * steps / seconds
     found: dict[str, Any] = {
         "version": version(work),
@@ -130,16 +139,16 @@ def apart(folder: Path, plan: Plan, name: str) -> Data:
     }
 
 
-def homogenize(dumps: list[Path], plan: Plan, folder: Path, name: str) -> None:
-    """`granpipe homogenize`: the same command, cell and window for every set of dumps."""
-    out = folder / f"field-{name}"
+def homogenize(dumps: Iterable[Path], plan: Plan, case: Path, name: str, window: tuple[float, float] = WINDOW) -> None:
+    """`granpipe homogenize`: the same command, cell and window [s] for every set of dumps; into field-NAME."""
+    out = case.parent / f"field-{name}"
     shutil.rmtree(out, ignore_errors=True)
     options = {
         "--cell": f"{plan.grid.cell!r}m",
         "--time-step": f"{plan.dem.time_step!r}s",
-        "--start": f"{START}s",
-        "--stop": f"{SECONDS}s",
-        "--case": folder / "hopper1.yaml",
+        "--start": f"{window[0]}s",
+        "--stop": f"{window[1]}s",
+        "--case": case,
         "--out": out,
     }
     command = [
@@ -147,7 +156,7 @@ def homogenize(dumps: list[Path], plan: Plan, folder: Path, name: str) -> None:
         "-m",
         "granpipe",
         "homogenize",
-        *dumps,
+        *sorted(dumps, key=first_step),
         *(part for pair in options.items() for part in pair),
     ]
     done = subprocess.run([str(part) for part in command], capture_output=True, text=True)

@@ -18,6 +18,7 @@ from validation import (
     janssen,
     monte_carlo,
     other_code,
+    other_surface,
     pebble_bed,
     repose,
 )
@@ -27,6 +28,7 @@ CASES: tuple[Case, ...] = (
     monte_carlo.CASE,
     error_bars.CASE,
     other_code.CASE,
+    other_surface.CASE,
     beverloo.CASE,
     beverloo.SPREADING,
     dosta.CASE,
