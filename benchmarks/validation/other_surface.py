@@ -140,8 +140,8 @@ CASE = Case(
     about=f"""
         A throat of 8 d opens into a chamber 7 d wider on each side, whose corner stands still
         ([its own page](free_surface.md); μ {SCENE.friction:g}, μ_r {SCENE.rolling:g}). The bed that LIGGGHTS settled
-        goes to LAMMPS, as above; the chamber's floor and ceiling are rings. The angle is the mean of {SNAPSHOTS} snapshots
-        from {START:g} to {SECONDS:g} s, its error (±: 95 %) that of one of them, from 8 sectors.
+        goes to LAMMPS, as above; the chamber's floor and ceiling are rings. The angle is the mean of {SNAPSHOTS}
+        snapshots from {START:g} to {SECONDS:g} s, its error (±: 95 %) that of one of them, from 8 sectors.
     """,
     source="LAMMPS, as above.",
     criterion=f"""
