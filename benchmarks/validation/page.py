@@ -51,8 +51,7 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     if waiting := list(unrun(data)):
         yield f"Programmed and not run to the end yet: {'; '.join(waiting)}."
         yield ""
-    yield "Not compared: the silo of Dosta et al. (2024), whose published rates could not be looked up; a second scene"
-    yield "by LAMMPS."
+    yield "Not compared: the silo of Dosta et al. (2024), whose published rates could not be looked up."
     yield ""
     runs = [one for case in CASES if case.pieces for one in results_of(case, data)[1].values()]
     yield f"Minutes are those of the runs behind the table, {minutes_of(runs)} in all, of one core that did other work"

@@ -8,16 +8,32 @@ import re
 from itertools import product
 from pathlib import Path
 
+import free_surface
 import numpy as np
 import pytest
-from validation import article, beverloo, dosta, error_bars, hoppers, janssen, lammps, monte_carlo, pebble_bed, repose
+from validation import (
+    article,
+    beverloo,
+    dosta,
+    error_bars,
+    hoppers,
+    janssen,
+    lammps,
+    monte_carlo,
+    other_code,
+    other_surface,
+    pebble_bed,
+    repose,
+)
 from validation.case import Verdict
 from validation.page import lines
 from validation.suite import CASES, results_of
 
 from granpipe.case.reader import read_case
 from granpipe.dem.snapshot import Snapshot
+from granpipe.errors import RunError
 from granpipe.field import Grid
+from granpipe.pipeline import dem_stages
 from granpipe.pipeline.dem_stages import FILL_ANGLE
 from granpipe.planning.plan import make_plan
 
@@ -203,6 +219,37 @@ def test_lammps_gets_the_numbers_of_the_case(tmp_path: Path) -> None:
     assert "region cone cone z 0 0 0.02 0.11 0.001 0.091 open 1 open 2" in lines
     assert any(line.startswith("dump all all custom 50 ") for line in lines)
     assert f"run {round(0.1 / plan.dem.time_step)}" in lines
+
+
+def test_scenes_of_lammps_have_plates_of_one_speed_and_others_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    for text in (other_code.text("hopper1", 1), other_surface.text()):
+        path.write_text(text)
+        plan = make_plan(read_case(path).case, 1)
+        walls = other_surface.walls(plan)
+        assert lammps.deck(plan, walls, 0.1, every=50).count("wall/gran/region") == len(walls)
+        path.write_text(re.sub(r"start_speed: 1 mm/s", "start_speed: auto", re.sub(r"homogenize: .*", "", text)))
+        with pytest.raises(RunError, match=r"dem\.start_speed"):
+            lammps.deck(make_plan(read_case(path).case, 1), walls, 0.1, every=50)
+
+
+def test_another_filling_angle_does_not_last() -> None:
+    with free_surface.filling(80.0):
+        assert math.degrees(dem_stages.FILL_ANGLE) == pytest.approx(80)
+    assert dem_stages.FILL_ANGLE == FILL_ANGLE != math.radians(80)
+
+
+def test_surfaces_and_fields_of_two_codes_are_judged_with_their_errors() -> None:
+    def judged(angle: float, upper: float) -> list[bool | None]:
+        codes = {"liggghts": [[28.0, 1.0]] * 3, "lammps": [[angle, 1.0]] * 3}
+        data = {
+            code: {"angles": angles, "apart": {"chamber": [0.05, 0.04, 0.03, upper]}} for code, angles in codes.items()
+        }
+        return [one.passed for one in other_surface.judge(data)]
+
+    assert judged(29.0, 0.04) == [True, True]
+    assert judged(33.0, 0.06) == [None, None]
+    assert judged(35.0, 0.06) == [False, None]
 
 
 def test_verdicts_of_numpy_are_counted() -> None:
