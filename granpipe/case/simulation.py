@@ -109,7 +109,7 @@ class Homogenize(Group):
     )
     start: Annotated[float | Literal["auto"], Quantity(TIME, at_least=0, at_most=1e6, auto=True)] = Field(
         default="auto",
-        description="Production time, a faster start included, at which averaging begins, after the transient.",
+        description="Production time, after a faster start, at which averaging begins, after the transient.",
     )
     smoothing_passes: Annotated[int, Whole(0, 100)] = Field(
         default=2, description="Passes of the 5×5 Gaussian of `method: gaussian`."

@@ -131,13 +131,13 @@ def after_transient(segments: Sequence[Sums], plan: Plan) -> list[Sums]:
     segments = [sums for sums in segments if sums.start >= earliest * (1 - 1e-9)]
     if not segments:
         raise DataError(f"no segment begins after the faster start, which ends at {earliest:.3g} s")
-    case = plan.case
     runs = [[sums for sums in segments if sums.run == run] for run in sorted({sums.run for sums in segments})]
-    return [sums for run in runs for sums in _from_start(run, case)]
+    return [sums for run in runs for sums in _from_start(run, plan)]
 
 
-def _from_start(segments: list[Sums], case: Case) -> list[Sums]:
-    start = _steady_start(segments) if case.homogenize.start == "auto" else float(case.homogenize.start)
+def _from_start(segments: list[Sums], plan: Plan) -> list[Sums]:
+    given = plan.case.homogenize.start
+    start = _steady_start(segments) if given == "auto" else plan.dem.average_from + float(given)
     kept = [sums for sums in segments if sums.start >= start - 1e-9 * segments[-1].stop]
     if not kept:
         raise DataError(f"no segment begins after homogenize.start = {start:g} s; the last at {segments[-1].start:g} s")

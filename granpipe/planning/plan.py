@@ -589,18 +589,10 @@ def _check_duration(case: Case, settings: Settings, cores: int) -> None:
             ("dem", "max_time"),
         )
     start = case.homogenize.start
-    if start == "auto":
-        return
-    if start >= settings.duration:
+    if start != "auto" and start >= settings.length.time:
         raise CaseError(
-            f"must be below the time of production, which is {settings.duration:.4g} s: give a longer "
+            f"must be below the time of production, which is {settings.length.time:g} s: give a longer "
             "dem.max_time, or leave the start out",
-            ("homogenize", "start"),
-        )
-    if start < settings.average_from * (1 - 1e-9):
-        raise CaseError(
-            f"lies in the faster start, which ends at {settings.average_from:.4g} s: give a later time, leave it "
-            f"out, or do without that start by dem.start_speed: {settings.plate_speed:.3g} m/s",
             ("homogenize", "start"),
         )
 

@@ -24,7 +24,7 @@ def deck_of(case: Case) -> Deck:
     return make_deck(case, settings, frusta, meshes, ((-plan.outline.r_max, plan.outline.r_max),) * 2)
 
 
-FASTER = {"dem.start_speed": "auto", "homogenize.start": "auto"}
+FASTER = {"dem.start_speed": "auto"}
 
 
 def deck_with(tiny: Path, **overrides: str) -> Deck:

@@ -183,7 +183,7 @@ def test_the_time_chosen_moves_the_widest_section_by_six_diameters_and_grows_wit
 FREE = 0.58 * math.sqrt(9.81) * (0.12 - 1.4 * 0.02) ** 2.5 / (math.pi * 0.06**2)
 """Speed of the tiny case's plate [m/s] at free discharge, after Beverloo."""
 
-FASTER = {"dem__start_speed": "auto", "homogenize__start": "auto"}
+FASTER = {"dem__start_speed": "auto"}
 
 
 def test_a_faster_start_is_half_of_free_discharge_in_whole_segments_over_a_third_of_the_least_travel(
@@ -228,13 +228,6 @@ def test_a_start_beyond_what_the_solids_can_follow_is_marked_or_refused(tiny: Pa
     assert any("of free discharge: the solids lag behind" in breach for breach in marked)
     with pytest.raises(CaseError, match=r"dem\.start_speed.*1\.6 times what falls freely"):
         plan_of(tiny, **FASTER | {"dem__start_speed": f"{1.6 * FREE:.4g}"})
-
-
-def test_an_average_that_would_begin_in_the_faster_start_is_refused(tiny: Path) -> None:
-    with pytest.raises(CaseError, match=r"homogenize\.start.*lies in the faster start.*dem\.start_speed: 0\.03"):
-        plan_of(tiny, **FASTER | {"homogenize__start": "0.1 s"})
-    late = plan_of(tiny, **FASTER | {"homogenize__start": "1 s"}).dem
-    assert late.average_from < 1
 
 
 def test_a_time_that_is_too_short_is_told_with_a_better_one_which_is_not(tiny: Path) -> None:
