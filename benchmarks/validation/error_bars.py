@@ -162,7 +162,7 @@ CASE = Case(
         of the RMS vertical flux. Scatter: standard deviation between fillings over the RMS standard error that each
         run tells of itself. Intervals: how often the 95 % interval of one run holds the mean of the others, whose own
         error is allowed for; Student's t with a third of the effective number of blocks as degrees of freedom, since
-        the claimed variances of the fillings differ as those of 13 to 22 degrees do, of 46 effective blocks. ± one
+        the claimed variances of the fillings differ as those of 13 to 22 degrees do, of 45 effective blocks. ± one
         standard error. First measured with six fillings and other errors: correlation times ended where the
         correlation turns negative, and plain averages claimed 1.4 to 1.6 times too much. The estimator was changed for
         that ([standard errors](../theory/homogenize.md#standard-errors-and-their-limits)), the degrees of freedom were

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -23,6 +27,8 @@ from validation import (
     repose,
 )
 from validation.case import Case, Data
+
+BENCHMARKS = Path(__file__).resolve().parents[1]
 
 CASES: tuple[Case, ...] = (
     monte_carlo.CASE,
@@ -62,6 +68,34 @@ def run_piece(case: Case, piece: str, results: Path, data: Path) -> None:
     data.mkdir(parents=True, exist_ok=True)
     made = f"{datetime.now(UTC):%Y-%m-%d}"
     write_json(path, stored(path) | {piece: {"made": made, "seconds": seconds, "found": values}})
+
+
+def run_together(pieces: Sequence[tuple[Case, str]], jobs: int, results: Path, data: Path) -> list[str]:
+    """Run several cases at a time, each in a process of its own, its pieces one after the other; names of failed ones.
+
+    What a case prints goes to RESULTS/NAME.log.
+    """
+    names: dict[str, list[str]] = {}
+    for case, piece in pieces:
+        names.setdefault(case.name, []).append(piece)
+    results.mkdir(parents=True, exist_ok=True)
+    paths = os.pathsep.join([str(BENCHMARKS), os.environ.get("PYTHONPATH", "")])
+
+    def run(name: str) -> int:
+        chosen = [option for piece in names[name] for option in ("--piece", piece)]
+        places = ("--results", str(results), "--data", str(data))
+        began = time.perf_counter()
+        with (results / f"{name}.log").open("a") as log:
+            command = [sys.executable, "-m", "validation", "run", "--only", name, *chosen, *places]
+            status = subprocess.run(
+                command, stdout=log, stderr=log, stdin=subprocess.DEVNULL, env=os.environ | {"PYTHONPATH": paths}
+            ).returncode
+        words = f"done, {(time.perf_counter() - began) / 60:.1f} min" if status == 0 else f"failed: {log.name}"
+        print(f"{name}: {words}", flush=True)
+        return status
+
+    with ThreadPoolExecutor(jobs) as pool:
+        return [name for name, status in zip(names, pool.map(run, names), strict=True) if status]
 
 
 def stored(path: Path) -> dict[str, Any]:

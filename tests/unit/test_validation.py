@@ -27,7 +27,7 @@ from validation import (
 )
 from validation.case import Verdict
 from validation.page import lines
-from validation.suite import CASES, results_of
+from validation.suite import CASES, results_of, run_together
 
 from granpipe.case.reader import read_case
 from granpipe.dem.snapshot import Snapshot
@@ -250,6 +250,14 @@ def test_surfaces_and_fields_of_two_codes_are_judged_with_their_errors() -> None
     assert judged(29.0, 0.04) == [True, True]
     assert judged(33.0, 0.06) == [None, None]
     assert judged(35.0, 0.06) == [False, None]
+
+
+def test_cases_that_run_together_are_kept_and_failed_ones_named(tmp_path: Path) -> None:
+    """The cones are kept references, read in a second; LAMMPS' silo needs one that granpipe has not run."""
+    failed = run_together([(dosta.CASE, "lammps40"), (hoppers.CASE, "cones")], 2, tmp_path, tmp_path)
+    assert failed == ["dosta"]
+    assert "silo40" in (tmp_path / "dosta.log").read_text()
+    assert set(json.loads((tmp_path / "hoppers.json").read_text())) == {"cones"}
 
 
 def test_verdicts_of_numpy_are_counted() -> None:
