@@ -24,14 +24,17 @@ if TYPE_CHECKING:
 FILE = ("vessel", "file")
 OUTLETS = ("vessel", "outlets")
 
-MOST_POINTS = 4_000_000
-"""Points at which the walls are sampled, and cells in which the way of the particles is looked for."""
+MOST_CELLS = 500_000
+"""Of a vessel, in which the way of the particles is looked for: larger ones where it would take more."""
+
+LEAST_CELLS = 5
+"""Across an outlet, at least: on fewer, no way to it is looked for."""
 
 MOST_BLOCKS = 40
 """Blocks of one insertion region: LIGGGHTS tries them one after the other for every particle."""
 
-_ROUGHLY = 0.02  # by which the nearest point of a wall may be missed, relative
-_ROWS = 100  # of the grid that areas of levels are taken from
+_OFF = 1.2  # cells by which the distance of a cell from the walls may be wrong: half its diagonal, and between samples
+_ROWS, _COLUMNS = 100, 60  # of the grid that areas of levels are taken from
 _SAME = 1e-3  # of the vessel's size: a point that names an opening lies as near to it, or inside it
 
 
@@ -144,17 +147,21 @@ class SpaceVessel:
     def with_passages(self, cell: float) -> SpaceVessel:
         """The vessel with gaps that are those of the whole way from the inlet, looked for on cells of a size [m].
 
+        A narrowing may be seen some cells too wide.
+
         Raises
         ------
         CaseError : no way leads to an outlet
         """
-        return replace(self, outlets=tuple(replace(one, gap=self._passage(one, cell)) for one in self.outlets))
+        cells = self._cells(self.z_top, self.z_bottom, cell)
+        return replace(self, outlets=tuple(replace(one, gap=self._passage(one, cells)) for one in self.outlets))
 
     @cached_property
     def outline(self) -> Outline:
         """The body of revolution that has the same area at each height: what limits and forecasts go by."""
-        x, y, z = ((float(low), float(high)) for low, high in self.walls.ends)
-        grid = Box.within(x, y, z, (z[1] - z[0]) / _ROWS, flat=False, cut=True)
+        (x0, x1), (y0, y1), z = self.walls.ends.tolist()
+        across = np.linspace(x0, x1, _COLUMNS + 1), np.linspace(y0, y1, _COLUMNS + 1)
+        grid = Box(across[0], np.linspace(*z, _ROWS + 1), across[1], flat=False)
         area = self.walls.inside_fraction(grid).sum(axis=(1, 2)) * grid.ring_area[0]
         radius = np.sqrt(np.maximum(area, 1e-9 * area.max()) / math.pi)
         ends = np.sqrt(np.array([self.inlet.area, self.outlet_area]) / math.pi)
@@ -189,28 +196,33 @@ class SpaceVessel:
         """Which outlet is nearest, seen from above, to points of any one shape [m]."""
         return nearest_opening([one.opening for one in self.outlets], x, y)
 
-    def surface(self, top: float, bottom: float) -> Array:
-        """(n, 3, 3) triangles of the walls, with straight ends up to `top` and down to `bottom` [m]."""
-        ends = [(self.inlet, top), *((one.opening, bottom) for one in self.outlets)]
-        return np.concatenate([self.walls.surface, *(straight(opening, z) for opening, z in ends)])
+    def surface(self, top: float, bottom: float, most_rows: int = 100) -> Array:
+        """(n, 3, 3) triangles of the walls, with straight ends up to `top` and down to `bottom` [m].
 
-    def _passage(self, outlet: SpaceOutlet, cell: float) -> float:
-        """Diameter [m] of the largest sphere that may pass from the inlet to an outlet, at the most.
-
-        The way is looked for on cells; a narrowing between their middles is seen up to √3 cells too wide.
+        Parameters
+        ----------
+        most_rows : of triangles in a straight end, of which there are as many as keep them from being thin
         """
-        grid, distance = self._distances(self.z_top, self.z_bottom, cell, 0.5 * outlet.gap)
-        inside = distance > 0
-        (x, y), rows = outlet.opening.centre, outlet.opening.border
-        near = _within(grid, rows)[None] & (np.arange(grid.shape[0]) < 2)[:, None, None] & inside
-        start = inside & (np.arange(grid.shape[0]) >= grid.shape[0] - 2)[:, None, None]
+        ends = [(self.inlet, top), *((one.opening, bottom) for one in self.outlets)]
+        return np.concatenate([self.walls.surface, *(straight(opening, z, most_rows) for opening, z in ends)])
+
+    def _passage(self, outlet: SpaceOutlet, cells: _Cells) -> float:
+        """Diameter [m] of the largest sphere that may pass from the inlet to an outlet, at the most."""
+        grid, inside = cells.grid, cells.distance > 0
+        if outlet.gap < LEAST_CELLS * cells.size:
+            return outlet.gap
+        level = np.arange(grid.shape[0])[:, None, None]
+        end = _within(grid, outlet.opening.border)[None] & (level < 2) & inside
+        start = inside & (level >= grid.shape[0] - 2)
         low, high = 0.0, 0.5 * outlet.gap
-        if not _joined(inside, start, near):
-            raise CaseError(f"no way leads from the inlet to the outlet at x = {x:.4g} m, y = {y:.4g} m", outlet.key)
-        while high - low > 0.1 * cell:
+        if not _joined(inside, start, end):
+            place = "({:.4g}, {:.4g}) m".format(*outlet.opening.centre)
+            raise CaseError(f"no way leads from the inlet to the outlet at {place}", outlet.key)
+        while high - low > 0.1 * cells.size:
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if _joined(distance >= middle, start, near) else (low, middle)
-        return min(outlet.gap, 2 * low + math.sqrt(3) * cell)
+            joined = _joined(cells.distance + _OFF * cells.size >= middle, start, end)
+            low, high = (middle, high) if joined else (low, middle)
+        return min(outlet.gap, 2 * high)
 
     def insertion(self, top: float, bottom: float, margin: float, cell: float, height: float) -> tuple[Boxes, ...]:
         """Where particles are put in, from the top down: cells in blocks that particles from above reach.
@@ -230,39 +242,30 @@ class SpaceVessel:
         CaseError : no particle finds room at the inlet
         """
         while True:
-            grid, distance = self._distances(top, bottom, cell, margin + cell)
-            free = distance >= margin + 0.5 * math.sqrt(3) * grid.cell
+            cells = self._cells(top, bottom, cell)
+            free = cells.distance >= margin + (_OFF + 0.5 * math.sqrt(3)) * cells.size
             layers = [_rectangles(layer) for layer in _reached(free)]
             if max(map(len, layers), default=0) <= MOST_BLOCKS:
                 break
             cell *= 1.5
-        return tuple(_slabs(grid, layers, height))
+        return tuple(_slabs(cells.grid, layers, height))
 
-    def _distances(self, top: float, bottom: float, cell: float, far: float) -> tuple[Box, Array]:
-        """Distance of the middles of cells from the walls, at least, between two heights; 0 outside [m].
-
-        What is farther away than `far` is not looked at closely, and told as so far away.
-        """
-        from scipy.spatial import cKDTree
-
-        x, y, _ = ((float(low), float(high)) for low, high in self.walls.ends)
-        grid = Box.within(x, y, (bottom, top), cell, flat=False, cut=True)
-        if np.prod(grid.shape) > MOST_POINTS:
-            raise CaseError(
-                f"its walls need {' × '.join(map(str, grid.shape))} cells of {cell:.3g} m to be looked through, more "
-                f"than {MOST_POINTS:.0e}: use larger particles (dem.coarse_grain_factor)",
-                ("material", "size"),
-            )
-        z, y_, x_ = np.meshgrid(grid.z_centres, _middles(grid.y_edges), grid.r_centres, indexing="ij")
-        points = np.column_stack([x_.ravel(), y_.ravel(), z.ravel()])
-        inside = np.flatnonzero(self.contains(points))
-        spacing = 0.5 * cell
-        tree = cKDTree(sampled(self.surface(top + cell, bottom - cell), spacing))
-        near, _ = tree.query(points[inside], eps=_ROUGHLY, distance_upper_bound=far * (1 + _ROUGHLY) + cell)
-        near = np.minimum(near / (1 + _ROUGHLY), far + cell)
-        found = np.zeros(len(points))
-        found[inside] = np.sqrt(np.maximum(0.0, near**2 - spacing**2 / 3))
-        return grid, found.reshape(grid.shape)
+    def _cells(self, top: float, bottom: float, cell: float) -> _Cells:
+        """The vessel between two heights in cells of about a size, or larger ones [m]."""
+        (x0, x1), (y0, y1), _ = self.walls.ends.tolist()
+        cell = max(cell, ((x1 - x0) * (y1 - y0) * (top - bottom) / MOST_CELLS) ** (1 / 3))
+        grid = Box.within((x0, x1), (y0, y1), (bottom, top), cell, flat=False, cut=True)
+        edges = grid.z_edges, grid.y_edges, grid.r_edges
+        steps = [float(one[1] - one[0]) for one in edges]
+        z, y, x = np.meshgrid(*map(_middles, edges), indexing="ij")
+        free = self.contains(np.column_stack([x.ravel(), y.ravel(), z.ravel()])).reshape(grid.shape)
+        walls = sampled(self.surface(top + cell, bottom - cell, 1), 0.25 * min(steps))
+        place = [np.searchsorted(one, at) - 1 for one, at in zip(edges, walls.T[::-1], strict=True)]
+        there = (place[0] >= 0) & (place[0] < grid.shape[0])
+        free[tuple(np.clip(at, 0, size - 1)[there] for at, size in zip(place, grid.shape, strict=True))] = False
+        beside = np.pad(free, ((0, 0), (1, 1), (1, 1)))  # beyond the outermost cells is no vessel
+        distance = ndimage.distance_transform_edt(beside, steps)[:, 1:-1, 1:-1]
+        return _Cells(grid, np.asarray(distance), max(steps))
 
     def _check_pieces(self) -> None:
         """CaseError where a piece of the walls that is no part of the outer one lies outside it."""
@@ -279,11 +282,11 @@ class SpaceVessel:
                 raise CaseError(f"the walls are not one piece: a second one reaches outside at ({place}) m", FILE)
 
 
-def straight(opening: WallOpening, z: float) -> Array:
+def straight(opening: WallOpening, z: float, most_rows: int) -> Array:
     """(n, 3, 3) triangles of the upright wall from an opening to a height [m]."""
     corners = opening.corners
     widths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    rows = int(np.clip(math.ceil(abs(z - opening.z) / (10 * widths.min())), 1, 100))
+    rows = int(np.clip(math.ceil(abs(z - opening.z) / (10 * widths.min())), 1, most_rows))
     rings = np.repeat(corners[None], rows + 1, axis=0)
     rings[1:, :, 2] = np.linspace(opening.z, z, rows + 1)[1:, None]
     a, b = rings[:-1], rings[1:]
@@ -293,27 +296,38 @@ def straight(opening: WallOpening, z: float) -> Array:
 
 
 def sampled(triangles: Array, spacing: float) -> Array:
-    """(m, 3) points on triangles (n, 3, 3), no place on which is farther than spacing/√3 from one [m].
+    """(m, 3) points on triangles (n, 3, 3), no place on which is farther than 1.12 `spacing` from one [m].
 
-    Raises
-    ------
-    CaseError : they are more than `MOST_POINTS`
+    In rows along the longest side, which grow shorter towards the third corner.
     """
-    longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
-    pieces = np.maximum(1, np.ceil(longest / spacing)).astype(np.int64)
-    if ((pieces + 1) * (pieces + 2) / 2).sum() > MOST_POINTS:
-        raise CaseError(
-            "the walls are too large for their particles: use larger ones (dem.coarse_grain_factor)",
-            ("material", "size"),
-        )
-    found = []
-    for count in np.unique(pieces):
-        one, other = np.meshgrid(np.arange(count + 1), np.arange(count + 1))
-        there = one + other <= count
-        u, v = one[there] / count, other[there] / count
-        weights = np.stack([1 - u - v, u, v], axis=1)
-        found.append(np.einsum("pk,nkd->npd", weights, triangles[pieces == count]).reshape(-1, 3))
-    return np.concatenate(found)
+    sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)  # from each corner to the next
+    first = sides.argmax(axis=1)
+    a, b, c = (triangles[np.arange(len(triangles)), (first + k) % 3] for k in range(3))
+    length = sides.max(axis=1)
+    height = np.linalg.norm(np.cross(b - a, c - a), axis=1) / length
+    rows = np.maximum(1, np.ceil(height / spacing)).astype(np.int64)
+    owner = np.repeat(np.arange(len(triangles)), rows + 1)
+    up = (np.arange(len(owner)) - np.repeat(np.cumsum(rows + 1) - rows - 1, rows + 1)) / rows[owner]
+    begin, end = (one[owner] + up[:, None] * (c - one)[owner] for one in (a, b))
+    pieces = np.maximum(1, np.ceil((1 - up) * length[owner] / spacing)).astype(np.int64)
+    row = np.repeat(np.arange(len(owner)), pieces + 1)
+    along = (np.arange(len(row)) - np.repeat(np.cumsum(pieces + 1) - pieces - 1, pieces + 1)) / pieces[row]
+    return np.asarray(begin[row] + along[:, None] * (end - begin)[row])
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """A vessel in cells.
+
+    Parameters
+    ----------
+    grid, size : of the cells, and the longest of their edges [m]
+    distance : (nz, ny, nx) of their middles from that of the nearest cell with a wall in it, or outside [m]
+    """
+
+    grid: Box
+    distance: Array
+    size: float
 
 
 def _named(walls: WallMesh, outlets: Mapping[str, OutletSpec], unit: float) -> Sequence[SpaceOutlet]:

@@ -48,7 +48,7 @@ def build_space_walls(
     """
     surface = vessel.surface(top, bottom)
     if triangle_angles(surface).min() < SMALLEST_ANGLE:
-        surface = _anew(surface, _SIZE * particle_diameter, folder / "given.stl")
+        surface = _anew(vessel.surface(top, bottom, 1), _SIZE * particle_diameter, folder / "given.stl")
     meshes = {"vessel": surface}
     for outlet in vessel.outlets:
         meshes[plate_name(vessel, outlet)] = _plate(outlet.opening.border, plate_z)
