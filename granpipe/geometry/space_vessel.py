@@ -159,13 +159,13 @@ class SpaceVessel:
     @cached_property
     def outline(self) -> Outline:
         """The body of revolution that has the same area at each height: what limits and forecasts go by."""
-        (x0, x1), (y0, y1), z = self.walls.ends.tolist()
+        (x0, x1), (y0, y1), (z0, z1) = self.walls.ends.tolist()
         across = np.linspace(x0, x1, _COLUMNS + 1), np.linspace(y0, y1, _COLUMNS + 1)
-        grid = Box(across[0], np.linspace(*z, _ROWS + 1), across[1], flat=False)
+        grid = Box(across[0], np.linspace(z0, z1, _ROWS + 1), across[1], flat=False)
         area = self.walls.inside_fraction(grid).sum(axis=(1, 2)) * grid.ring_area[0]
         radius = np.sqrt(np.maximum(area, 1e-9 * area.max()) / math.pi)
         ends = np.sqrt(np.array([self.inlet.area, self.outlet_area]) / math.pi)
-        wall = np.column_stack([np.r_[ends[0], radius[::-1], ends[1]], np.r_[z[1], grid.z_centres[::-1], z[0]]])
+        wall = np.column_stack([np.r_[ends[0], radius[::-1], ends[1]], np.r_[z1, grid.z_centres[::-1], z0]])
         return Outline.of(wall)
 
     def inside_fraction(self, grid: Box) -> Array:
