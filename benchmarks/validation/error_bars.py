@@ -11,8 +11,7 @@ import numpy as np
 from scipy import stats
 
 from granpipe.homogenize.average import Sums, merge
-from granpipe.homogenize.psi_field import BLOCKS
-from granpipe.homogenize.statistics import blocks, flux_errors
+from granpipe.homogenize.statistics import BLOCKS, blocks, flux_errors
 from validation.case import Case, Data, Verdict
 from validation.simulate import production_of, rounded, run_scene
 

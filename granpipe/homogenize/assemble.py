@@ -12,7 +12,7 @@ from granpipe.field import Array, Field, Grid, level_flow
 from granpipe.homogenize.average import Sums
 from granpipe.homogenize.conserve import Plug, scale_rows
 from granpipe.homogenize.smooth import bulk_mask, flowing_faces, smooth
-from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
+from granpipe.homogenize.statistics import BLOCKS, LEAST_BLOCKS, blocks, flux_errors, local_errors
 
 
 def packing_fraction(volume: Array, inside_fraction: Array, grid: Grid) -> Array:
@@ -44,17 +44,20 @@ def raw_field(sums: Sums, inside_fraction: Array, plug: Plug, diameter: float, f
     )
 
 
-def with_standard_errors(field: Field, segments: Sequence[Sums]) -> Field:
+def with_standard_errors(field: Field, segments: Sequence[Sums], diameter: float) -> Field:
     """A plain average with its standard errors from blocks of its segments; without where there are too few.
 
-    Raises
-    ------
-    DataError : too few segments for an error
+    Parameters
+    ----------
+    segments : those of the average
+    diameter : particle diameter [m]
     """
     if len(segments) < LEAST_BLOCKS:
         return field
-    joined = blocks(segments)
-    flux_r, flux_z = (standard_error(np.array(values)) for values in zip(*(b.mean_flux for b in joined), strict=True))
+    most = BLOCKS if field.flux_y is None else 2 * LEAST_BLOCKS  # all fluxes in space at once take much memory
+    joined = blocks(segments, min(len(segments), most))
+    run = np.array([block.run for block in joined])
+    (flux_r, flux_z), _ = flux_errors([block.mean_flux for block in joined], run, field.grid, diameter)
     along_y = [block.mean_flux_y for block in joined if block.mean_flux_y is not None]
     return replace(
         field,
@@ -62,7 +65,7 @@ def with_standard_errors(field: Field, segments: Sequence[Sums]) -> Field:
         flux_z_se=flux_z,
         raw_flux_r_se=flux_r,
         raw_flux_z_se=flux_z,
-        flux_y_se=standard_error(np.array(along_y)) if along_y else None,
+        flux_y_se=local_errors(np.array(along_y), run, field.grid, diameter) if along_y else None,
     )
 
 

@@ -16,16 +16,13 @@ from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, gathered_flow, plug_levels
 from granpipe.homogenize.psi_fit import NormalEquations, PsiFit, Roles, Weights, node_roles
 from granpipe.homogenize.smooth import flowing_faces
-from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, flux_errors, standard_error
+from granpipe.homogenize.statistics import BLOCKS, LEAST_BLOCKS, blocks, flux_errors, standard_error
 
 SMOOTHING_LENGTHS = (0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 """Candidates for ℓ, in particle diameters."""
 
 CLEARANCE = 1.25
 """Nothing is smoothed within this many particle diameters of walls and voids."""
-
-BLOCKS = 60
-"""Blocks that the standard errors rest on, where there are so many segments."""
 
 _VARIANCE_REACH = 1.0  # diameters: the variance is seen through a Gaussian of this width
 _LEAST_VARIANCE = 0.01  # of its mean

@@ -16,6 +16,9 @@ from granpipe.homogenize.average import Sums, merge
 LEAST_BLOCKS = 7
 """Fewer give no standard error."""
 
+BLOCKS = 60
+"""Blocks that the standard errors of a field rest on, where there are so many segments."""
+
 _BATCH = 5  # MSER-5
 _REACH = 1.0  # diameters: correlation times are seen through a Gaussian of this width
 _LEAST_CORRELATED = 0.25  # samples, as a correlation time

@@ -175,7 +175,7 @@ def _plain(segments: list[Sums], diameter: float) -> tuple[Field, str]:
     """The field without an outline, and what it is."""
     sums = merge(segments)
     plug, inside = unguided_plug(sums), np.ones(sums.grid.shape)
-    plain = with_standard_errors(raw_field(sums, inside, plug, diameter), segments)
+    plain = with_standard_errors(raw_field(sums, inside, plug, diameter), segments, diameter)
     if not (isinstance(sums.grid, Box) and sums.grid.flat):
         return plain, "plain average"
     try:

@@ -19,8 +19,7 @@ from granpipe.errors import DataError
 from granpipe.field import Array, Field, Grid, flux_from_psi
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.coarsen import coarsened
-from granpipe.homogenize.psi_field import BLOCKS
-from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, flux_errors
+from granpipe.homogenize.statistics import BLOCKS, LEAST_BLOCKS, blocks, flux_errors
 from granpipe.pipeline.averages import averaged_field, statistical_errors, steady_segments
 from granpipe.pipeline.production import Production
 from granpipe.pipeline.records import SegmentRecord, SettleRecord

@@ -9,7 +9,9 @@ from scipy import stats
 
 from granpipe.errors import DataError
 from granpipe.field import Grid
+from granpipe.homogenize.assemble import raw_field, with_standard_errors
 from granpipe.homogenize.average import Collector, merge
+from granpipe.homogenize.conserve import Plug
 from granpipe.homogenize.statistics import (
     blocks,
     effective_samples,
@@ -150,6 +152,21 @@ def test_errors_of_series_with_any_memory_are_those_of_their_mean(weights, count
     found = np.sqrt(variance_of_mean(count, weights) / np.mean(claimed))
     assert ratio[0] <= found <= ratio[1]
     assert 0.93 <= np.mean(held) <= (0.97 if ratio[0] > 0.87 else 1.0)
+
+
+def test_a_plain_average_claims_no_noise_that_flows_back():
+    """Dumps without a vessel: flux whose noise comes back over seven segments, the same through all faces."""
+    rng, weights, count = np.random.default_rng(12), [1.0, 0.2, -0.15, -0.15, -0.1, -0.1, -0.05], 64
+    grid, told = NOTHING.grid, []
+    for _ in range(60):
+        noise = moving(rng, count, 1, weights)[:, 0]
+        parts = [
+            replace(part, flow_z=(value - 5) * part.weight * grid.ring_area + np.zeros((3, 2)))
+            for part, value in zip(segments(np.ones(count)), noise, strict=True)
+        ]
+        plug, inside = Plug(0.6, 1.0, 0.0, (0.0, 0.1)), np.ones(grid.shape)
+        told.append(with_standard_errors(raw_field(merge(parts), inside, plug, 0.05), parts, 0.05).flux_z_se[1, 1])
+    assert np.sqrt(np.mean(np.square(told))) == pytest.approx(np.sqrt(variance_of_mean(count, weights)), rel=0.15)
 
 
 def test_local_effective_samples_are_those_of_each_place():
