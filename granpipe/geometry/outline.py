@@ -89,7 +89,7 @@ class Outline:
         """
         spec = case.outline
         if spec.symmetry == "space":
-            raise CaseError("a vessel in space has no outline: give a case with one", ("vessel",))
+            raise CaseError("a vessel in space has no outline, which is needed here", ("vessel",))
         return cls.of(spec.right_wall, spec.obstacles, spec.sections, spec.left, spec.depth)
 
     @property

@@ -101,12 +101,11 @@ class SpaceVessel:
             walls = WallMesh.of(points, triangles)
         except DataError as error:
             raise CaseError(f"the walls do not make a vessel: {error}; is vessel.unit right, and z up?", FILE) from None
+        cls(walls, ())._check_pieces()
         if len(walls.inlets) > 1:
             places = " and ".join(f"({one.centre[0]:.4g}, {one.centre[1]:.4g}) m" for one in walls.inlets)
             raise CaseError(f"{len(walls.inlets)} openings at the top, at {places}; close all but the inlet", FILE)
-        vessel = cls(walls, tuple(_named(walls, outlets, unit)))
-        vessel._check_pieces()
-        return vessel
+        return cls(walls, tuple(_named(walls, outlets, unit)))
 
     @property
     def inlet(self) -> WallOpening:
@@ -268,17 +267,17 @@ class SpaceVessel:
         return _Cells(grid, np.asarray(distance), max(steps))
 
     def _check_pieces(self) -> None:
-        """CaseError where a piece of the walls that is no part of the outer one lies outside it."""
+        """CaseError unless one piece has all openings, and all others lie inside it."""
         walls = self.walls
+        if walls.opened > 1:
+            raise CaseError(f"{walls.opened} pieces have openings of their own; they must be joined to one", FILE)
+        own = walls.parts == 0
+        closed = np.concatenate([walls.surface[own], walls.triangles[walls.walls :]])
+        outer = WallMesh(closed, walls.inlets, walls.outlets, int(own.sum()), walls.parts[own], 1)
         for part in range(1, int(walls.parts.max()) + 1):
             corners = walls.surface[walls.parts == part].reshape(-1, 3)
-            outer = WallMesh(
-                np.concatenate([walls.surface[walls.parts == 0], walls.triangles[walls.walls :]]),
-                walls.inlets, walls.outlets, int((walls.parts == 0).sum()), walls.parts[walls.parts == 0],
-            )  # fmt: skip
-            if not outer.contains(corners).all():
-                where = corners[int(np.argmin(outer.contains(corners)))]
-                place = ", ".join(f"{one:.4g}" for one in where)
+            if not (inside := outer.contains(corners)).all():
+                place = ", ".join(f"{one:.4g}" for one in corners[int(np.argmin(inside))])
                 raise CaseError(f"the walls are not one piece: a second one reaches outside at ({place}) m", FILE)
 
 

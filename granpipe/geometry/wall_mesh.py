@@ -73,7 +73,8 @@ class WallMesh:
     triangles : (n, 3, 3) corners, those that close the openings included [m]
     inlets, outlets : openings at the top and at the bottom
     walls : how many of the triangles are walls; the others, after them, close the openings
-    parts : (walls,) which piece of the walls each of them is of, counted from 0; that with the openings is 0
+    parts : (walls,) which piece of the walls each of them is of, counted from 0, those with openings first
+    opened : how many pieces have openings
     """
 
     triangles: Array
@@ -81,6 +82,7 @@ class WallMesh:
     outlets: tuple[WallOpening, ...]
     walls: int
     parts: Index
+    opened: int
 
     @classmethod
     def of(cls, points: Array, triangles: Index) -> WallMesh:
@@ -121,9 +123,9 @@ class WallMesh:
         for end, what in (("top", "inlet"), ("bottom", "outlet")):
             if not found[end]:
                 raise DataError(f"no opening at the {end}: the walls must leave the {what} open")
-        parts = _parts(triangles, loops)
+        parts, opened = _parts(triangles, loops)
         closed = np.concatenate([points[triangles], *caps])
-        return cls(closed, tuple(found["top"]), tuple(found["bottom"]), len(triangles), parts)
+        return cls(closed, tuple(found["top"]), tuple(found["bottom"]), len(triangles), parts, opened)
 
     @property
     def surface(self) -> Array:
@@ -233,13 +235,8 @@ def nearest_opening(openings: Sequence[WallOpening], x: Array, y: Array) -> Inde
     return np.asarray(np.argmin([distance(Polygon(one.border), places) for one in openings], axis=0))
 
 
-def _parts(triangles: Index, loops: Sequence[Index]) -> Index:
-    """(n,) which connected piece each triangle is of; that of the openings is 0.
-
-    Raises
-    ------
-    DataError : the openings are not those of one piece
-    """
+def _parts(triangles: Index, loops: Sequence[Index]) -> tuple[Index, int]:
+    """(n,) which connected piece each triangle is of, those with openings first, and how many of these there are."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -247,12 +244,11 @@ def _parts(triangles: Index, loops: Sequence[Index]) -> Index:
     pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     _, of = connected_components(graph, directed=False)
-    opened = {int(of[loop[0]]) for loop in loops}
-    if len(opened) > 1:
-        raise DataError(f"the walls are {len(opened)} pieces with openings of their own; they must be joined to one")
-    part = of[triangles[:, 0]]
-    others = np.unique(part[part != opened.pop()]) if opened else np.unique(part)
-    return np.asarray(np.where(np.isin(part, others), 1 + np.searchsorted(others, part), 0), dtype=np.int64)
+    opened = np.unique([of[loop[0]] for loop in loops])
+    order = np.concatenate([opened, np.setdiff1d(of[triangles[:, 0]], opened)])
+    place = np.zeros(int(of.max()) + 1, dtype=np.int64)
+    place[order] = np.arange(len(order))
+    return place[of[triangles[:, 0]]], len(opened)
 
 
 def _merged(points: Array, triangles: Index, tolerance: float) -> tuple[Array, Index]:
