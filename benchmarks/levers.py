@@ -55,7 +55,7 @@ class Scene:
 
 SCENES = {
     "smoke": Scene("smoke", {}, 6.0, 8.0, (1, 2, 3, 4)),
-    "reactor": Scene("reactor", {"dem.coarse_grain_factor": "3"}, 30.0, 45.0, (1, 2)),
+    "reactor": Scene("reactor", {"dem.coarse_grain_factor": "3"}, 20.0, 35.0, (1, 2)),
 }
 TARGET = 0.05
 """Statistical error that runs are compared at."""

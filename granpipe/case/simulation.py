@@ -47,7 +47,8 @@ class Dem(Group):
     start_speed: Annotated[float | Literal["auto"], Quantity(SPEED, above=0, at_most=100, auto=True)] = Field(
         default="auto",
         description="Speed of the plate, at the most, while the flow develops, which is not averaged; `auto`: half of "
-        "free discharge. Below one and a half times `plate_speed` the plate has that speed from the beginning.",
+        "free discharge. Below one and a half times `plate_speed`, or where the start would last less than a particle "
+        "diameter of travel, the plate has one speed.",
     )
     time_step: Annotated[float | Literal["auto"], Quantity(TIME, above=0, at_most=1, auto=True)] = Field(
         default="auto",

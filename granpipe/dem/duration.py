@@ -30,9 +30,18 @@ TRANSIENT = 2.0
 STEADY = 1.4
 """The same after a faster start, without the start itself."""
 
-START_SHARE = 1 / 3
-"""Part of the least travel that a faster start takes over: how far the flow has developed is a matter of travel, not of
-time."""
+SNAPSHOT_TRAVEL = 0.1
+"""Plate travel between snapshots, in Sauter diameters: a throat moves several times faster than the plate."""
+
+START_TURNOVER = 1 / 12
+"""Part of the vessel's content that the plate takes away in a faster start: how far the flow has developed is a matter
+of travel, not of time. The data are steady after 0.08 to 0.11 of it (the smoke scene, the test reactor)."""
+
+LEAST_START = 1.0
+"""Travel of a faster start in Sauter diameters, at least: what is left out after it costs more than less would save."""
+
+LEAST_START_SEGMENTS = 6
+"""The same in segments: fewer do not make a speed."""
 
 AFTER_START = 0.5
 """Travel after a faster start that is not averaged, in Sauter diameters: speeds follow the plate's at once, contacts
@@ -91,7 +100,7 @@ def duration(
     ratio: float,
     filled: float,
     diameter: float,
-    faster_start: bool = False,
+    start: float = 0.0,
 ) -> Duration:
     """Choose or judge the time of production.
 
@@ -103,23 +112,32 @@ def duration(
     ratio : free area of the widest section over that of the outlet
     filled : volume of the vessel over the outlet's area [m]
     diameter : Sauter diameter of the particles [m]
-    faster_start : the plate sinks faster at first
+    start : travel of the plate at a higher speed, before anything is averaged [m]; 0 for none
     """
-    travel = least_travel(ratio, filled, diameter)
-    start = START_SHARE * travel + AFTER_START * diameter if faster_start else 0.0
-    least = (1 - START_SHARE if faster_start else 1.0) * travel / speed
+    travel = max(LEAST_TRAVEL * diameter * ratio, LEAST_TURNOVER * filled)
+    least = (travel - start) / speed
     averaged = 0.0 if error is None else (NOISE / error) ** 2 * diameter * ratio / speed
-    expected = (STEADY if faster_start else TRANSIENT) * averaged
+    expected = (STEADY if start else TRANSIENT) * averaged
     chosen = two_digits_up(max(least, RESERVE * expected))
     time, room = chosen if given is None else given, two_digits_up(ROOM * travel / speed)
-    while room < time + start / speed:
+    before = start + AFTER_START * diameter if start else 0.0
+    while room < time + before / speed:
         room *= 2
-    return Duration(time, least, expected, room, start, room - start / speed)
+    return Duration(time, least, expected, room, before, room - before / speed)
 
 
-def least_travel(ratio: float, filled: float, diameter: float) -> float:
-    """Plate travel [m] of the shortest run that is expected to give a field, its transient included; see `duration`."""
-    return max(LEAST_TRAVEL * diameter * ratio, LEAST_TURNOVER * filled)
+def start_pays(length: Duration, speed: float, diameter: float, most_segments: int = MOST_SEGMENTS) -> bool:
+    """Whether a faster start, which the length of a run holds, saves more than what is left out after it.
+
+    Parameters
+    ----------
+    speed : final speed of the plate [m/s]
+    diameter : Sauter diameter of the particles [m]
+    most_segments : that the room is cut into
+    """
+    start = length.start_travel - AFTER_START * diameter
+    segment = max(SNAPSHOT_TRAVEL * diameter, speed * length.room / most_segments)
+    return start >= max(LEAST_START * diameter, LEAST_START_SEGMENTS * segment)
 
 
 def dumps_per_segment(room: float, interval: float, most: int = MOST_SEGMENTS) -> int:

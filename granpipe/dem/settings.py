@@ -18,10 +18,12 @@ from granpipe.dem.duration import (
     LEAST_TRAVEL,
     LEAST_TURNOVER,
     MOST_SEGMENTS,
-    START_SHARE,
+    SNAPSHOT_TRAVEL,
+    START_TURNOVER,
     Duration,
     dumps_per_segment,
     duration,
+    start_pays,
 )
 from granpipe.dem.sizes import SizeClasses, size_classes
 from granpipe.dem.stress import BedStress, bed_stress
@@ -30,9 +32,6 @@ from granpipe.field import ROUND, Measure
 
 PACKING = 0.58
 """Random packing of a slowly moving bed of spheres; measured 0.57–0.59 above a sinking plate."""
-
-SNAPSHOT_TRAVEL = 0.1
-"""Plate travel between snapshots, in Sauter diameters: a throat moves several times faster than the plate."""
 
 BEVERLOO_SHARE = 0.1
 """Flow through every opening over its free discharge, at most: beyond it inertia shows in the field."""
@@ -308,6 +307,8 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     start = _faster_start(case, vessel, classes, speed)
     inlet_speed = speed * vessel.outlet_area / vessel.inlet_area
     length = _length(case, vessel, classes, speed, start is not None)
+    if start is not None and not start_pays(length, speed, classes.sauter_diameter, vessel.most_segments):
+        start, length = None, _length(case, vessel, classes, speed, False)
     # the plate sinks further before anything is averaged
     clearance = max(least_clearance, averaged_clearance - min(vessel.plates) * length.start_travel)
     plate_z = vessel.outlet - clearance
@@ -568,8 +569,8 @@ class _Start:
     def decision(self, speed: float) -> Decision:
         criterion = (
             f"at most {START_BEVERLOO_SHARE:.0%} of the free discharge (Beverloo) at the {self.opening}, in whole "
-            f"segments, for {START_SHARE:.2g} of the least travel; it and {AFTER_START:g} particle diameters after it "
-            "are not averaged"
+            f"segments, until {START_TURNOVER:.2g} of the content is gone; it and {AFTER_START:g} particle diameters "
+            "after it are not averaged"
         )
         share = speed / self.free
         breach = "" if share <= MOST_START_SHARE else f"{share:.2g} of free discharge: the solids lag behind"
@@ -604,7 +605,7 @@ def _length(case: Case, vessel: Vessel, classes: SizeClasses, speed: float, fast
         vessel.widest / outlet,
         vessel.volume / outlet,
         classes.sauter_diameter,
-        faster_start,
+        START_TURNOVER * vessel.volume / outlet if faster_start else 0.0,
     )
 
 

@@ -17,7 +17,9 @@ from granpipe.planning.plan import Plan, make_plan
 
 
 def faster(tiny: Path, start: str) -> Plan:
-    return make_plan(load_case(tiny, {"dem.start_speed": "auto", "homogenize.start": start}))
+    return make_plan(
+        load_case(tiny, {"outline.wall": "[[6, 30], [6, 0]]", "dem.start_speed": "auto", "homogenize.start": start})
+    )
 
 
 def segments_of(plan: Plan, count: int, run: int = 0) -> list[Sums]:

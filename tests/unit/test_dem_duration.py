@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from granpipe.dem.duration import dumps_per_segment, duration
+from granpipe.dem.duration import dumps_per_segment, duration, start_pays
 
 
 @pytest.mark.parametrize(
@@ -36,12 +36,21 @@ def test_segments_are_one_interval_or_as_many_as_keep_them_within_1024() -> None
     assert dumps_per_segment(102.6, 0.1) == 2
 
 
-def test_a_faster_start_takes_a_third_of_the_least_travel_over_and_the_room_holds_it() -> None:
+def test_a_faster_start_takes_its_travel_off_the_least_one_and_the_room_holds_it() -> None:
     """Twelve diameters of a tenth of a metre are the least: 0.4 m of them, and half a diameter that is not averaged."""
-    found = duration(None, 0.05, speed=1.0, ratio=2.0, filled=1.0, diameter=0.1, faster_start=True)
+    found = duration(None, 0.05, speed=1.0, ratio=2.0, filled=1.0, diameter=0.1, start=0.4)
     assert found.start_travel == pytest.approx(0.4 + 0.05)
     assert found.least == pytest.approx(0.8)
     assert found.expected == pytest.approx(1.4 * 4 * 0.1 * 2)  # (0.1/0.05)² diameters in a section of twice the area
     assert (found.room, found.longest) == (pytest.approx(9.6), pytest.approx(9.6 - 0.45))
-    assert duration(9.5, None, 1.0, 2.0, 1.0, 0.1, faster_start=True).room == pytest.approx(2 * 9.6)
+    assert duration(9.5, None, 1.0, 2.0, 1.0, 0.1, start=0.4).room == pytest.approx(2 * 9.6)
     assert duration(9.5, None, 1.0, 2.0, 1.0, 0.1).room == pytest.approx(9.6)
+
+
+@pytest.mark.parametrize(
+    ("start", "ratio", "pays"), [(0.11, 2, True), (0.09, 2, False), (2.7, 100, False), (3, 100, True)]
+)
+def test_a_start_of_less_than_a_diameter_or_six_segments_does_not_pay(start: float, ratio: float, pays: bool) -> None:
+    """Six diameters in a section of a hundred times the outlet's area are 60 m, their room 480 m in 1024 segments."""
+    length = duration(None, None, speed=1.0, ratio=ratio, filled=1.0, diameter=0.1, start=start)
+    assert start_pays(length, 1.0, 0.1) == pays

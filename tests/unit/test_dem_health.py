@@ -228,7 +228,7 @@ def test_what_falls_through_an_open_outlet_and_is_taken_out_has_passed_it(tiny: 
         list(map(watch.snapshot, stuck))
 
 
-FASTER = {"dem__start_speed": "auto"}
+FASTER = {"dem__start_speed": "auto", "outline__wall": "[[6, 30], [6, 0]]"}
 
 
 def test_a_bed_in_a_faster_start_may_have_that_speeds_energy_and_must_calm_down_after_it(tiny: Path) -> None:

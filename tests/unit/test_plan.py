@@ -183,37 +183,40 @@ def test_the_time_chosen_moves_the_widest_section_by_six_diameters_and_grows_wit
 FREE = 0.58 * math.sqrt(9.81) * (0.12 - 1.4 * 0.02) ** 2.5 / (math.pi * 0.06**2)
 """Speed of the tiny case's plate [m/s] at free discharge, after Beverloo."""
 
-FASTER = {"dem__start_speed": "auto"}
+FASTER = {"dem__start_speed": "auto", "outline__wall": "[[6, 30], [6, 0]]"}
 
 
-def test_a_faster_start_is_half_of_free_discharge_in_whole_segments_over_a_third_of_the_least_travel(
+def test_a_faster_start_is_half_of_free_discharge_in_whole_segments_over_a_twelfth_of_the_content(
     tiny: Path,
 ) -> None:
     plan = plan_of(tiny, **FASTER)
     dem = plan.dem
     segment = dem.segment_steps * dem.time_step
-    assert dem.start_segments == math.ceil(0.04 / (0.5 * FREE * segment))
-    assert dem.start_speed * dem.start_segments * segment == pytest.approx(0.04, rel=1e-9)  # 2 of 6 diameters
+    assert dem.start_segments == math.ceil(0.025 / (0.5 * FREE * segment))
+    assert dem.start_speed * dem.start_segments * segment == pytest.approx(0.3 / 12, rel=1e-9)
     after = (dem.segments_left_out - dem.start_segments) * segment * dem.plate_speed
     assert 0.01 - 1e-9 <= after < 0.01 + segment * dem.plate_speed
     assert dem.plate_level(dem.steps) > dem.bottom
-    assert plan.notes == plan_of(tiny).notes
+    assert plan_of(tiny, dem__start_speed="auto").dem.start_segments == 0  # a third of the height: not a diameter
 
 
 def test_the_plate_of_a_wide_outlet_is_a_radius_below_it_when_the_average_begins(tiny: Path) -> None:
-    """Content over outlet is 10 cm: a twelfth of it is the start's travel, and half a diameter after it."""
+    """Content over outlet is 30 cm: a twelfth of it is the start's travel, and half a diameter after it."""
     small = {"material__size": "{diameter: 4 mm}"}
-    plain, faster = plan_of(tiny, **small).dem, plan_of(tiny, **small, **FASTER).dem
+    plain, faster = (
+        plan_of(tiny, **FASTER | small | {"dem__start_speed": "0.03"}).dem,
+        plan_of(tiny, **small, **FASTER).dem,
+    )
     assert plain.plate_z == pytest.approx(-0.06)
-    assert faster.plate_z == pytest.approx(-0.06 + 0.1 / 12 + 0.002)
-    assert -0.06 - 0.0004 < faster.plate_level(faster.segments_left_out * faster.segment_steps) <= -0.06
+    assert faster.plate_z == pytest.approx(-0.06 + 0.3 / 12 + 0.002)
+    assert -0.06 - 0.0005 < faster.plate_level(faster.segments_left_out * faster.segment_steps) <= -0.06
     assert plan_of(tiny, **FASTER).dem.plate_z == pytest.approx(-5 * 0.02)
 
 
 def test_a_very_slow_plate_starts_in_one_segment_that_is_not_too_long(tiny: Path) -> None:
     dem = plan_of(tiny, **FASTER, dem__plate_speed="1e-5", dem__max_time="auto").dem
     assert dem.start_segments == 1
-    assert dem.plate_z - dem.plate_level(dem.start_steps) == pytest.approx(0.04)
+    assert dem.plate_z - dem.plate_level(dem.start_steps) == pytest.approx(0.3 / 12)
 
 
 @pytest.mark.parametrize("changes", [{"dem__plate_speed": "0.08", "dem__start_speed": "0.1"}, {"dem__outlet": "open"}])
