@@ -163,7 +163,9 @@ CASE = Case(
         Silos 2.5 outlet diameters wide discharge freely through a hole in a flat floor, D₀/d = 6, 8, 10, 12, for two
         frictions; the two smaller ones with two fillings. Beverloo's law W = C ρ_b √g (D₀ − k d)^2.5 is fit to the
         rates of each friction, with ρ_b the bulk density of the bed above the outlet; ± is half of the 95 %
-        confidence interval (Student's t).
+        confidence interval (Student's t). A rate that is independent of the silo's width asks, as Mankoc et al. quote
+        Nedderman, for a silo wider than 2.5 D₀ and than D₀ + 30 d: only the first is met here (15 to 30 d in place of
+        36 to 42 d).
     """,
     source="""
         Beverloo, Leniger & van de Velde (1961) with the ranges in use for C and k; Mankoc et al., Granular Matter 9,

@@ -189,7 +189,7 @@ def _correlation_time(covariance: Array, count: int) -> Array:
     for width in range(min(_LEAST_WINDOW, most), most + 1):
         weight = np.clip(2 - lag / width, 0, 1) * (1 - lag / count)
         total = np.tensordot(weight, seen, axes=1)
-        found = (2 * total - 1) / (1 - 2 * (weight.sum() - total) / count)
+        found = np.maximum(2 * total - 1, 0) / np.maximum(1 - 2 * (weight.sum() - total) / count, 1e-9)
         time = np.where(short, np.clip(found, _LEAST_CORRELATED, _MOST_CORRELATED * count), time)
         short = short & (width < 2 * time)
         if not short.any():

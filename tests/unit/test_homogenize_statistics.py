@@ -190,6 +190,14 @@ def test_local_and_common_effective_samples_are_the_same_for_one_place():
     assert local == pytest.approx(effective_samples(values[:, None], run), rel=1e-9)
 
 
+@pytest.mark.parametrize("count", [7, 8, 10, 33, 120])
+def test_series_that_go_back_at_once_count_more_than_their_samples(count):
+    """Alternating ones, and ones that step up and down over some samples, if many: their means are known well."""
+    run, ramp = np.zeros(count, dtype=int), np.resize([2.0, 1.0, -1.0, -2.0], count)
+    assert effective_samples(np.resize([1.0, -1.0], count)[:, None], run) > count
+    assert effective_samples(ramp[:, None], run) > count or count < 8
+
+
 def test_what_never_moves_counts_every_sample():
     assert local_effective_samples(np.ones((20, 3, 4)), np.zeros(20, dtype=int), 1.0) == pytest.approx(20)
 
