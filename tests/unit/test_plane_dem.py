@@ -250,7 +250,8 @@ def test_a_particle_behind_the_left_wall_is_outside():
     plan = planned()
     limits = flow_limits(plan.outline, plan.dem, 0.5)
     x, z = np.array([-0.049, -0.051, -0.03, 0.029, 0.031, 0.0]), np.array([0.15, 0.15, 0.01, 0.15, 0.15, 0.01])
-    assert limits.inside(x, z).tolist() == [True, False, False, True, False, True]
+    centres = np.column_stack([x, np.zeros(6), z])
+    assert limits.inside(centres).tolist() == [True, False, False, True, False, True]
 
 
 def test_the_discharge_of_a_slice_becomes_that_of_the_depth():

@@ -17,9 +17,12 @@ from granpipe.dem.deck import make_deck, render
 from granpipe.dem.health import ArchError, FlowHealth
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import CaseError, RunError
-from granpipe.field import Boxes
-from granpipe.homogenize.space_field import Projection
+from granpipe.field import Box, Boxes
+from granpipe.homogenize.average import Sums
+from granpipe.homogenize.conserve import Plug
+from granpipe.homogenize.space_field import Projection, space_field
 from granpipe.pipeline.dem_stages import insertion_boxes
+from granpipe.pipeline.gates import CONSERVING
 from granpipe.pipeline.health_limits import space_limits
 from granpipe.planning.plan import Plan, make_plan, model_plans
 
@@ -256,3 +259,28 @@ def test_files_that_are_no_walls_are_refused(tmp_path: Path, name: str, content:
     with pytest.raises(CaseError, match=says) as error:
         make_plan(load_case(tmp_path / "case.yaml"))
     assert error.value.key == ("vessel", "file")
+
+
+def changed_by_conserving(tilt: float, noise: float) -> float:
+    """Of a plug flow whose segments have noise; `tilt` is a sidewise flow, the same in all, that walls do not allow."""
+    random, grid = np.random.default_rng(4), Box.within((0, 0.1), (0, 0.1), (0, 0.1), 0.01, flat=False, cut=True)
+    cell, faces = 1e-6, (10, 10, 10)
+    segments = []
+    for number in range(12):
+        x, y, z = (random.normal(0.0, noise, [n + (axis == k) for axis, n in enumerate(faces)]) for k in (2, 1, 0))
+        z -= 1.0
+        x += tilt * np.linspace(0, 1, 11)  # more and more: solids would have to come from nowhere
+        empty = {name: np.zeros(1) for name in ("time", "solids", "kinetic", "count")}
+        volume, still = np.full(faces, 0.58 * cell), np.zeros(faces)
+        empty |= {"level_flow": np.zeros((1, 11)), "flow_y": 1e-4 * y}
+        times = float(number), number + 1.0, 1.0, 1.0
+        segments.append(Sums(grid, "displacement", *times, volume, 1e-4 * x, 1e-4 * z, still, **empty))
+    plug = Plug(0.58, 1e-2, 0.0, (0.0, 0.1))
+    return space_field(segments, np.ones(faces), plug, 0.02).change
+
+
+def test_what_conserving_changes_is_told_beyond_noise() -> None:
+    """Noise of 20 % goes without a mark, a flow that no walls allow does not, with noise or without."""
+    assert changed_by_conserving(0.0, 0.2) < 0.02
+    assert changed_by_conserving(0.5, 0.01) == pytest.approx(changed_by_conserving(0.5, 0.2), rel=0.15)
+    assert changed_by_conserving(0.5, 0.01) > CONSERVING.high
