@@ -54,6 +54,28 @@ def test_kept_results_are_of_pieces_that_there_are() -> None:
         assert set(json.loads(path.read_text())) <= pieces[path.stem]
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param(text, id=name)
+        for name, text in {
+            "error_bars": error_bars.text(3),
+            "other_code": other_code.text("one", 1),
+            "other_surface": other_surface.text(),
+            "beverloo": beverloo.text("one", 12, 0.2, 1),
+            "dosta": dosta.text(60),
+            "janssen": janssen.text("one", 0.4),
+            "pebble_bed": pebble_bed.text("one", 30.0),
+            "hoppers": hoppers.FLAT[0].text(),
+        }.items()
+    ],
+)
+def test_every_scene_can_be_planned_within_the_rules(text: str, tmp_path: Path) -> None:
+    (tmp_path / "scene.yaml").write_text(text)
+    plan = make_plan(read_case(tmp_path / "scene.yaml").case, 1)
+    assert [one.name for one in plan.decisions if one.breach] == []
+
+
 def test_beverloo_finds_the_constants_of_exact_rates() -> None:
     ratio = np.array([6.0, 8.0, 10.0, 12.0, 6.0, 8.0])
     (c, k), half = beverloo.beverloo(ratio, 0.61 * (ratio - 1.45) ** 2.5)
