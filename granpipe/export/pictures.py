@@ -92,26 +92,31 @@ def vessel_figure(
     path: Path,
     scale: float = 1.0,
     z_range: tuple[float, float] | None = None,
+    cut: float = 0.0,
 ) -> None:
-    """Draw the vessel cut open at y = 0 and the particles behind the cut, by vertical velocity and by radius.
+    """Draw the vessel cut open and the particles behind the cut, by vertical velocity and by radius.
 
     Parameters
     ----------
-    stl_paths : surfaces, called vessel, obstacle_<name> and plate; the plate is drawn where the particles now end
+    stl_paths : surfaces, called vessel, obstacle_<name>, and plate or plate_<outlet>, which are drawn where the
+        particles above them now end
     position, velocity : (n, 3) of the particles [m], [m/s]
     radius : (n,) [m]
     path : the PNG file to write
     scale : flow rate of the process over that of the simulation; velocities are multiplied by it
     z_range : outlet and inlet of the user's own vessel [m]; what is beyond belongs to the simulation alone
+    cut : where it lies in y [m]
     """
+    position = position - [0.0, cut, 0.0]
     behind = position[:, 1] > 0
+    behind |= not behind.any()
     process = scale * velocity
     unit, factor = readable_unit(_robust(np.linalg.norm(process, axis=1), 98))
     w, size = process[behind, 2] * factor, 1e3 * radius[behind]
     colours = {f"vertical velocity [{unit}]": (w, "viridis", _downward(w, 98))}  # the feed falls much faster
     if np.ptp(size) > 0:
         colours["particle radius [mm]"] = (size, "cividis", (float(size.min()), float(size.max())))
-    images, extent = _rendered(stl_paths, position[behind], radius[behind], list(colours.values()))
+    images, extent = _rendered(stl_paths, cut, position[behind], radius[behind], list(colours.values()))
     with own_style(STYLE):
         _vessel_panels(images, extent, colours, z_range).savefig(path, dpi=DPI)
 
@@ -545,7 +550,11 @@ def _key(axis: Axes) -> None:
 
 
 def _rendered(
-    stl_paths: Sequence[Path], position: Array, radius: Array, colours: Sequence[tuple[Array, str, tuple[float, float]]]
+    stl_paths: Sequence[Path],
+    cut: float,
+    position: Array,
+    radius: Array,
+    colours: Sequence[tuple[Array, str, tuple[float, float]]],
 ) -> tuple[list[Any], tuple[float, float, float, float]]:
     """One image of the open vessel per colouring, by parallel projection; and its extent in the plane of the cut.
 
@@ -559,7 +568,7 @@ def _rendered(
     cloud["number"] = np.arange(len(radius))
     balls = cloud.glyph(scale="radius", orient=False, geom=ball)
     floor = float((position[:, 2] - radius).min())
-    surfaces = {path.stem: _surface(path, floor) for path in stl_paths}
+    surfaces = {path.stem: _surface(path, cut, position, radius) for path in stl_paths}
     extent = _extent([surface.bounds for surface in surfaces.values()], floor)
     with _quiet_vtk():
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=_pixels(extent))
@@ -607,12 +616,19 @@ def _pixels(extent: tuple[float, float, float, float], long_side: int = 2200) ->
     return [2 * round(wide * scale / 2), 2 * round(tall * scale / 2)]
 
 
-def _surface(path: Path, floor: float) -> Any:
-    """The surface in an STL file; the plate, which has moved since, at the height `floor`."""
+def _surface(path: Path, cut: float, position: Array, radius: Array) -> Any:
+    """The surface in an STL file, its cut moved to y = 0; a plate, which has sunk since, below its particles."""
     import pyvista
 
     surface: Any = pyvista.PolyData(str(path)).clean(tolerance=1e-6)  # STL repeats its vertices
-    return surface.translate((0, 0, floor - surface.bounds[4])) if path.stem == "plate" else surface
+    surface = surface.translate((0, -cut, 0))
+    if not path.stem.startswith("plate"):
+        return surface
+    x0, x1, y0, y1, z, _ = surface.bounds
+    x, y, _ = position.T
+    above = (x >= x0) & (x <= x1) & (y >= y0) & (y <= y1)
+    floor = float((position[:, 2] - radius)[above if above.any() else slice(None)].min())
+    return surface.translate((0, 0, floor - z))
 
 
 def _add_open(plotter: Any, name: str, surface: Any) -> None:

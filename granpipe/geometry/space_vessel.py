@@ -123,6 +123,11 @@ class SpaceVessel:
         return min(one.opening.z for one in self.outlets)
 
     @property
+    def middle(self) -> float:
+        """Middle between its ends along y [m]."""
+        return 0.5 * float(self.walls.ends[1].sum())
+
+    @property
     def outlet_area(self) -> float:
         """Of all outlets [m²]."""
         return sum(one.opening.area for one in self.outlets)

@@ -260,6 +260,7 @@ def _figures(folder: Path, plan: Plan, made: ModelResult, note: Callable[[str], 
                 folder / "figures" / ("vessel.png" if number == 1 else f"vessel-{number}.png"),
                 simulated.field.flow_scale,
                 (part.outline.z_bottom, part.outline.z_top),
+                0.0 if part.space is None else part.space.middle,
             )
     if "animation" in plan.case.figures:
         for part, simulated, production in islice(_simulated(plan, made), 1):
