@@ -378,15 +378,15 @@ not which is nearer to the material's own. Noise of both is taken off.
 """
 REACTOR_FOUND = """
 With k = 3 the throat is 3.9 d90 wide as drawn and 4.5 set back. As drawn two runs out of two gave no field: in one, of
-an earlier version, the filling went on changing (28 % of the flow gathered in 40 s), in the other an arch in the throat
-stopped the run. Set back, two runs out of two gave one. It is marked: for the narrow throat, and because up to 27 % of
-a level's flow passes in the drawn solid, just above the ledges at the end of the throat and under the ring, where solids
-spread sooner than between the walls as drawn.
+an earlier version, the filling went on changing (28 % of the flow gathered in 40 s), in the other an arch in the
+throat stopped the run. Set back, two runs out of two gave one. It is marked: for the narrow throat, and because up to
+27 % of a level's flow passes in the drawn solid, just above the ledges at the end of the throat and under the ring,
+where solids spread sooner than between the walls as drawn.
 
-The two fields differ most in the throat. The one as drawn (k = 2) slows down within a particle radius of the wall,
-7 cm, to a third of the speed on the axis, the one set back (k = 3) hardly at all, for its slow layer lies in the drawn solid.
-The material's own particles, with a radius of 3 cm, may be expected between the two. k = 2 set back was not run to its
-end, for want of time.
+The two fields differ most in the throat. The one as drawn (k = 2) slows down within a particle radius of the wall, 7
+cm, to a third of the speed on the axis, the one set back (k = 3) hardly at all, for its slow layer lies in the drawn
+solid. The material's own particles, with a radius of 3 cm, may be expected between the two. k = 2 set back was not run
+to its end, for want of time.
 """
 HEAD = """\
 # Walls set back for enlarged particles
