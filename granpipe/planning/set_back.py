@@ -14,6 +14,14 @@ from granpipe.geometry.set_back import WALLS_KEY, set_back
 POSSIBLE_FIELDS = ("residence_time", "age")
 """What of homogenize.fields follows from the flow alone; the rest is summed over particles, some in the solid."""
 
+MOST_COMPARED = 2.0
+"""Coarse-grain factor up to which fields were compared with those of the material's own particles."""
+
+UNKNOWN = (
+    f"compared with the material's own particles for dem.coarse_grain_factor up to {MOST_COMPARED:g} and without "
+    "obstacles only (docs/validation/set_back.md)"
+)
+
 
 class Walls(NamedTuple):
     """The vessel that particles see, and the choice that made it another one than that drawn."""
@@ -38,7 +46,8 @@ def walls_of(case: Case, outline: Outline) -> Walls:
     factor = case.dem.coarse_grain_factor
     distance = (factor - 1) * size_classes(case.material.size).sauter_diameter / 2
     criterion = f"(k − 1) Sauter radii into the solid, with k = {factor:g}; the field is cut at the walls as drawn"
-    return Walls(set_back(outline, distance), Decision("walls", f"back {distance:.3g} m", criterion))
+    warning = "" if factor <= MOST_COMPARED and not outline.obstacles else UNKNOWN
+    return Walls(set_back(outline, distance), Decision("walls", f"back {distance:.3g} m", criterion, warning=warning))
 
 
 def check_whole(case: Case) -> None:

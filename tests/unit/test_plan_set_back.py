@@ -96,3 +96,12 @@ def test_a_hybrid_and_a_study_refuse_it() -> None:
 def test_a_fluid_has_no_particles_to_set_walls_back_for() -> None:
     plan = make_plan(load_case(CASES / "hopper.yaml", {"dem.walls": "set_back", "model": "fluid"}))
     assert plan.set_back is None
+
+
+def test_what_was_not_compared_with_the_materials_own_particles_is_noted(tiny: Path) -> None:
+    def noted(**changes: str) -> bool:
+        return any("own particles" in one for one in plan_of(tiny, **changes).warnings)
+
+    assert not noted()
+    assert noted(material__size="{diameter: 6 mm}", dem__coarse_grain_factor="2.5")
+    assert noted(material__size="{diameter: 5 mm}", outline__obstacles="{pin: [[0, 4], [1, 4], [1, 6], [0, 6]]}")
