@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 NAME = "widening"
 SCENE = free_surface.Scene(0.5, 0.1, 60.0)
-SECONDS, START = 1.5, 0.5
+SECONDS, START = 9.0, 4.0  # in 1.5 s the chamber still fills: granpipe refuses a field then
 WINDOW = (START, SECONDS)
-RESERVOIR = 80  # mm: enough for the whole run, so that LAMMPS needs no feed
+RESERVOIR = 320  # mm: enough for the whole run, so that LAMMPS needs no feed
 SNAPSHOTS = 10  # of the window, whose surfaces are averaged
 GAP = 1e-3  # m between walls that end at one edge, so that a particle there touches one of them
 VELOCITY, ANGLE = 0.05, 3.0  # relative, degrees
