@@ -123,10 +123,11 @@ def judge(data: Data) -> list[Verdict]:
             verdicts.append(Verdict(f"C and k, μ = {friction:g}", "0.55 to 0.65, 1 to 2", text, None))
             continue
         (c, k), (c_half, k_half) = beverloo(ratio, rate)
+        sizes = f"D₀/d {', '.join(f'{one:g}' for one in np.unique(ratio))}"
         passed = within(c, c_half, *C_RANGE, most=0.1)
-        verdicts.append(Verdict(f"C, μ = {friction:g}", "0.55 to 0.65", f"{c:.3f} ± {c_half:.3f}", passed))
+        verdicts.append(Verdict(f"C, μ = {friction:g}", "0.55 to 0.65", f"{c:.3f} ± {c_half:.3f} ({sizes})", passed))
         passed = within(k, k_half, *K_RANGE, most=0.5)
-        verdicts.append(Verdict(f"k, μ = {friction:g}", "1 to 2", f"{k:.2f} ± {k_half:.2f}", passed))
+        verdicts.append(Verdict(f"k, μ = {friction:g}", "1 to 2", f"{k:.2f} ± {k_half:.2f} ({sizes})", passed))
         off = np.log(rate / mankoc(ratio))
         off -= off.mean()
         worst = float(np.abs(off).max())
