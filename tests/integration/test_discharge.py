@@ -26,7 +26,7 @@ material: {density: 2500 kg/m^3, size: {diameter: 6 mm}}
 contact: {friction: 0.5, rolling_friction: 0.1}
 flow_rate: 0.1 kg/s
 model: dem
-dem: {outlet: open, max_time: 1 s, reservoir_height: 30 mm, ranks: 1}
+dem: {outlet: open, max_time: 1.2 s, reservoir_height: 30 mm, ranks: 1}
 homogenize: {start: 0.3 s}
 export: []
 figures: []

@@ -38,8 +38,8 @@ Figures = dict[str, float]
 def planned(name: str) -> Figures:
     plan = make_plan(read_case(CASES / f"{name}.yaml").case)
     runs = [plan] if plan.settings is not None else [part for _, part in plan.submodels]
-    rows, columns = plan.grid.shape
-    return {"rows": rows, "columns": columns} | {
+    names = ("rows", "columns") if len(plan.grid.shape) == 2 else ("cells along z", "along y", "along x")
+    return dict(zip(names, plan.grid.shape, strict=True)) | {
         f"{key} {number}": value for number, part in enumerate(runs) for key, value in settings_of(part).items()
     }
 

@@ -64,7 +64,9 @@ def outcome(make):
 @given(st.sampled_from(CASES), CHANGES)
 def test_varied_is_what_the_file_would_give(path, changes):
     in_metres = {"outline.unit": "m"} if any(key.startswith("outline.") for key in changes) else {}
-    base = read_case(path, in_metres).case if in_metres else BASES[path]
+    base = BASES[path]
+    if in_metres and base.vessel is None:  # a vessel in space has no outline: such changes are refused
+        base = read_case(path, in_metres).case
     wanted = outcome(lambda: read_case(path, in_metres | changes).case)
     assert outcome(lambda: varied(base, changes)) == wanted
 
