@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +15,7 @@ from granpipe.drawings.cad import STEP, read_cad_triangles
 from granpipe.drawings.lines import Points
 from granpipe.drawings.surface import read_triangles
 from granpipe.errors import CaseError
+from granpipe.system.files import digest
 
 SHARES = 1e-6
 """Shares of the outlets add up to one, to this."""
@@ -94,11 +94,11 @@ def with_vessel(data: dict[str, Any], places: Places, folder: Path) -> None:
     if not isinstance(vessel, Mapping) or not isinstance(vessel.get("file"), str) or "\0" in vessel["file"]:
         return  # the schema says what is wrong
     path = (folder / vessel["file"]).absolute()
-    digest = _digest(path, places)
-    if vessel.get("sha256") not in (None, digest):
+    found = _digest(path, places)
+    if vessel.get("sha256") not in (None, found):
         message = f"{vessel['file']} is not the file any more that the case was made with: leave vessel.sha256 out"
         raise CaseError(message, _KEY, places.locate(_KEY))
-    data["vessel"] = {**vessel, "file": str(path), "sha256": digest}
+    data["vessel"] = {**vessel, "file": str(path), "sha256": found}
 
 
 def vessel_triangles(spec: VesselSpec) -> tuple[Points, Any]:
@@ -126,7 +126,7 @@ def vessel_triangles(spec: VesselSpec) -> tuple[Points, Any]:
 
 def _digest(path: Path, places: Places) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return digest(path)
     except OSError as error:
-        message = f"{path} cannot be read ({error.strerror}); give an STL or OBJ file of the walls"
+        message = f"{path} cannot be read ({error.strerror}); give a file of {', '.join((*TRIANGLES, *CAD))}"
         raise CaseError(message, _KEY, places.locate(_KEY)) from None

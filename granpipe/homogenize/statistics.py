@@ -22,9 +22,8 @@ BLOCKS = 60
 _BATCH = 5  # MSER-5
 _REACH = 1.0  # diameters: correlation times are seen through a Gaussian of this width
 _LEAST_CORRELATED = 0.25  # samples, as a correlation time
-_LEAST_WINDOW = (
-    8  # lags: to 0.8 diameters of travel where blocks are shortest; what flowed too much has come back at 1.6
-)
+_LEAST_WINDOW = 8
+"""Lags: to 0.8 diameters of travel where blocks are shortest; what flowed too much has come back at 1.6."""
 _MOST_CORRELATED = 1 / 3  # of the samples, as a correlation time: longer ones cannot be told from a trend
 
 

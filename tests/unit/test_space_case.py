@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,13 @@ def test_walls_that_were_changed_since_are_refused(tmp_path: Path) -> None:
     (tmp_path / "resolved.yaml").write_text(resolved)
     with pytest.raises(CaseError, match="is not the file any more"):
         load_case(tmp_path / "resolved.yaml")
+
+
+def test_a_pipe_in_place_of_the_walls_is_refused_and_blocks_nothing(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "two_outlets.stl")
+    (tmp_path / "case.yaml").write_text((CASES / "two_outlets.yaml").read_text())
+    with pytest.raises(CaseError, match="a pipe, not a regular file"):
+        load_case(tmp_path / "case.yaml")
 
 
 @pytest.mark.parametrize(
