@@ -25,6 +25,7 @@ CAD = (*STEP, ".brep")
 """Endings of the files that are read."""
 
 _KEY = ("vessel", "file")
+_NO_OUTLINE = {"symmetry": "space"}  # in place of an outline; a case that granpipe wrote has it already
 
 
 class OutletSpec(Group):
@@ -87,10 +88,10 @@ def with_vessel(data: dict[str, Any], places: Places, folder: Path) -> None:
     if vessel is None:
         return
     outline = data.get("outline")
-    if outline is not None and not (isinstance(outline, Mapping) and outline.get("symmetry") == "space"):
+    if outline is not None and outline != _NO_OUTLINE:
         message = "stands beside `vessel`, which gives the walls: leave one of the two out"
         raise CaseError(message, ("outline",), places.locate(("outline",)))
-    data["outline"] = outline or {"symmetry": "space"}
+    data["outline"] = dict(_NO_OUTLINE)
     if not isinstance(vessel, Mapping) or not isinstance(vessel.get("file"), str) or "\0" in vessel["file"]:
         return  # the schema says what is wrong
     path = (folder / vessel["file"]).absolute()

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from granpipe.case.reader import read_case, varied
@@ -62,6 +62,7 @@ def outcome(make):
 
 @settings(max_examples=150, deadline=None)
 @given(st.sampled_from(CASES), CHANGES)
+@example(CASES[0].with_name("two_outlets.yaml"), {"outline.obstacles": "{}"})
 def test_varied_is_what_the_file_would_give(path, changes):
     in_metres = {"outline.unit": "m"} if any(key.startswith("outline.") for key in changes) else {}
     base = BASES[path]
