@@ -73,11 +73,13 @@ def run_piece(case: Case, piece: str, results: Path, data: Path) -> None:
 def run_together(pieces: Sequence[tuple[Case, str]], jobs: int, results: Path, data: Path) -> list[str]:
     """Run several cases at a time, each in a process of its own, its pieces one after the other; names of failed ones.
 
-    What a case prints goes to RESULTS/NAME.log.
+    Cases of many pieces begin first, so that none of them is left for the end. What a case prints goes to
+    RESULTS/NAME.log.
     """
     names: dict[str, list[str]] = {}
     for case, piece in pieces:
         names.setdefault(case.name, []).append(piece)
+    names = dict(sorted(names.items(), key=lambda item: -len(item[1])))
     results.mkdir(parents=True, exist_ok=True)
     paths = os.pathsep.join([str(BENCHMARKS), os.environ.get("PYTHONPATH", "")])
 
