@@ -181,7 +181,8 @@ def main() -> None:
 @_SET
 @_RESULTS
 @click.option("--total-error", type=_Quantity("number", positive=True), metavar="ERROR",
-              help="Use the cheapest settings that the study rates within ERROR, such as 5%.")  # fmt: skip
+              help="Use the cheapest settings that the study rates within ERROR, such as 5%, and end when noise and "
+                   "systematic error make it.")  # fmt: skip
 @click.option("--yes", is_flag=True, help="Begin without asking, however long it will take.")
 def run(case: Path, overrides: Mapping[str, str], results: Path, total_error: float | None, yes: bool) -> None:
     """Run CASE: compute the field, COMSOL files and figures.

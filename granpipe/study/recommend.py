@@ -1,7 +1,8 @@
-"""`granpipe run --total-error`: the cheapest settings that a study rates within ERROR.
+"""`granpipe run --total-error`: the cheapest settings that a study rates within ERROR, and no longer than needed.
 
 A study of the same scene, the user's own or one that is part of granpipe, gives error and time as measured. For any
-other scene the settings of granpipe's studies are scaled to it, and their error is only a guess.
+other scene the settings of granpipe's studies are scaled to it, and their error is only a guess. The run itself ends
+when its noise, with the systematic error that the study tells, makes the total that was asked for.
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError
 from granpipe.geometry.openings import find_openings
 from granpipe.pipeline.dem_stages import FILL_ANGLE
+from granpipe.pipeline.gates import BLOCKS
 from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.plan import Plan, make_plan
-from granpipe.study.budget import PLAIN, Option, advise, percent
+from granpipe.study.budget import PLAIN, Option, advise, percent, sure_factor
 from granpipe.study.folder import study_name
 from granpipe.study.report import read_study
 
@@ -50,6 +52,7 @@ class Recommendation:
 
     Parameters
     ----------
+    tolerance : total error that was asked for
     changes : of the case
     study : where the option is from
     proven : the option's 95 % bound is within the tolerance, not only its estimate
@@ -60,6 +63,7 @@ class Recommendation:
 
     file: CaseFile
     option: Option
+    tolerance: float
     changes: Mapping[str, str]
     study: str
     proven: bool
@@ -72,7 +76,19 @@ class Recommendation:
         """For the user, before the run."""
         settings = ", ".join(f"{key} = {value}" for key, value in self.changes.items())
         marks = map("marked: {}".format, (*self._filling, *self._marks))
-        return "\n".join([self._forecast, f"settings: {settings}", *marks])
+        return "\n".join([self._forecast, f"settings: {settings}", *self._end, *marks])
+
+    @property
+    def _end(self) -> tuple[str, ...]:
+        """When the run ends; told where it is not after a fixed time."""
+        if (noise := self.file.case.dem.statistical_error) is None:
+            return ()
+        rest = self.option.systematic["whole"]
+        part, word = (rest.upper, "at most ") if self.proven else (rest.value, "")
+        return (
+            f"ends when the statistical error is {percent(noise)} in every section, which with {word}{percent(part)} "
+            f"of systematic error makes a total of {percent(self.tolerance)}",
+        )
 
     @property
     def _filling(self) -> tuple[str, ...]:
@@ -141,9 +157,16 @@ def recommend(file: CaseFile, results: Path, tolerance: float) -> Recommendation
         if study.is_file() and _scene((former := read_study(study)).case) == _scene(file.case):
             option, proven = _best(former.options, tolerance, study, lambda one: _allowed(file.case, former.case, one))
             where = f"of the study in {study.parent}" if study == own else f"of granpipe's study of {study.stem}"
-            changes = _settings(former.case, option)
+            changes = _settings(former.case, option) | _ending(option, tolerance, proven)
             return Recommendation(
-                _changed(file.case, changes), option, changes, where, proven, former.fill_angle, former.unknown
+                _changed(file.case, changes),
+                option,
+                tolerance,
+                changes,
+                where,
+                proven,
+                former.fill_angle,
+                former.unknown,
             )
     return _guess(file.case, tolerance, own)
 
@@ -163,7 +186,10 @@ def _best(
     if advice.option is None:
         errors = [option.error().value for option in options if option.method != PLAIN]
         best = f"; the best has {percent(min(errors))}" if errors else ""
-        message = f"no option of {study} that this case allows is within {percent(tolerance)}{best}"
+        message = (
+            f"no option of {study} that this case allows is within {percent(tolerance)}{best}; a study with a smaller "
+            "dem.coarse_grain_factor, a slower dem.plate_speed or longer runs may find one"
+        )
         raise CaseError(message, place="--total-error")
     return advice.option, advice.proven
 
@@ -198,6 +224,20 @@ def _settings(case: Case, option: Option) -> dict[str, str]:
     return changes
 
 
+def _ending(option: Option, tolerance: float, proven: bool) -> dict[str, str]:
+    """What ends the run when noise and systematic error make the tolerance; nothing where the noise is not known.
+
+    Both are independent, so the noise may be √(tolerance² − systematic²); of a proven option as 95 % bounds, for which
+    the run has the least number of blocks that its gate lets pass.
+    """
+    if math.isinf(option.blocks) or option.changes.get("homogenize.method") == "gaussian":
+        return {}
+    rest = option.systematic["whole"]
+    room = math.sqrt(tolerance**2 - (rest.upper if proven else rest.value) ** 2)
+    noise = room / sure_factor(BLOCKS.low) if proven else room
+    return {"dem.statistical_error": f"{noise:.4g}", "dem.max_time": "auto"}
+
+
 def _changed(case: Case, changes: dict[str, str]) -> CaseFile:
     """The case with changes; its own target does not end the run."""
     given = case.model_dump(mode="json", exclude_unset=True)
@@ -214,9 +254,18 @@ def _guess(case: Case, tolerance: float, own: Path) -> Recommendation:
         option, proven = _best(options, tolerance, study, lambda _: True)  # its time is this vessel's own
         model = varied(former.case, option.changes)
         changes = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
+        changes |= _ending(option, tolerance, proven)
         where = f"of granpipe's study of {study.stem}"
         return Recommendation(
-            _changed(case, changes), option, changes, where, proven, former.fill_angle, former.unknown, guessed=True
+            _changed(case, changes),
+            option,
+            tolerance,
+            changes,
+            where,
+            proven,
+            former.fill_angle,
+            former.unknown,
+            guessed=True,
         )
     raise CaseError(f"file not found: {own}; make it with granpipe study", place="--total-error")
 
@@ -224,8 +273,8 @@ def _guess(case: Case, tolerance: float, own: Path) -> Recommendation:
 def carried_over(model: Plan, case: Case) -> dict[str, str]:
     """What gives a case the settings of another scene's run in its own measures.
 
-    These are the narrowest opening over d90, but never particles smaller than the material's; the plate speed over the
-    automatic one; the travel in outlet diameters, but never less than this vessel needs.
+    These are the narrowest opening over d90, but never particles smaller than the material's, and the plate speed over
+    the automatic one.
 
     Raises
     ------
@@ -254,18 +303,9 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
     if not plan.dem.open_outlet:
         pace = model.dem.plate_speed / make_plan(varied(model.case, {"dem.plate_speed": "auto"})).dem.plate_speed
         changes["dem.plate_speed"] = f"{pace * plan.dem.plate_speed:.4g}"
-        plan = make_plan(varied(case, changes))
-    travel = model.dem.length.time / _turnover(model)
-    return changes | {"dem.max_time": f"{max(travel * _turnover(plan), plan.dem.length.least):.4g}"}
+    return changes
 
 
 def _narrowness(plan: Plan) -> float:
     """Width of the narrowest opening over d90."""
     return min(opening.gap for opening in find_openings(plan.outline) if opening.required) / plan.dem.classes.d90
-
-
-def _turnover(plan: Plan) -> float:
-    """Time in which the bed at the outlet moves by the outlet's diameter [s]."""
-    outline = plan.outline
-    speed = plan.dem.inlet_speed * (outline.inlet_radius / outline.outlet_radius) ** 2
-    return 2 * outline.outlet_radius / speed
