@@ -96,7 +96,7 @@ def varied(base: Case, changes: Mapping[str, Any]) -> str:
     return yaml.dump(case, Dumper=_Plain, sort_keys=False, allow_unicode=True)
 
 
-class _Plain(yaml.SafeDumper):
+class _Plain(yaml.CSafeDumper):
     """Without aliases."""
 
     def ignore_aliases(self, data: Any) -> bool:
@@ -191,6 +191,12 @@ def cone(half_angle: float, outlet: float = 0.3) -> dict[str, Any]:
     return {"unit": "m", "wall": wall, "sections": names}
 
 
+def many_points(number: int) -> str:
+    """A case whose wall is a straight pipe of so many points."""
+    points = ", ".join(f"[1, {5 * (1 - k / number):.6f}]" for k in range(number))
+    return varied(SILO | {"model": "auto"}, {"outline": ...}) + f"outline: {{unit: m, wall: [{points}]}}\n"
+
+
 def outlines() -> Iterator[Attack]:
     """Walls of every wrong shape."""
 
@@ -236,8 +242,8 @@ def outlines() -> Iterator[Attack]:
     arc = [[1 + 0.5 * math.cos(t), 2 * (1 - t / math.pi)] for t in np.linspace(0, math.pi, 2001).tolist()]
     exact = math.pi * 2 * (1 + 0.125)  # ∫(1 + cos(t)/2)² dz
     yield wall("2000 points of a curve", arc, right(volume(exact, 1e-5)))
-    yield wall("20 000 points", [[1, 5 - k / 1e4] for k in range(20_000)], refused("too much data for a case"))
-    yield wall("1 Mbyte of points", [[1, 5 - k / 1e5] for k in range(100_000)], refused("larger than 1 MB"))
+    yield texted("outline", "20 000 points", refused("too much data for a case"), many_points(20_000))
+    yield texted("outline", "1 Mbyte of points", refused("larger than 1 MB"), many_points(100_000))
     yield wall("levels in scientific notation", [["1e0", "5e0"], ["1e0", "0e0"]], not_wrong(check=volume(5 * math.pi)))
     yield wall(
         "units in a list", [["1 m", "5 m"], ["1 m", "0 m"]], not_wrong("outline.unit|unit", check=volume(5 * math.pi))

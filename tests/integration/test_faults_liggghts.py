@@ -145,22 +145,20 @@ def test_free_discharge_resumes_with_its_balance(tiny: Path, tmp_path: Path) -> 
     assert len(segments(results)) == make_plan(read_case(tiny).case).dem.segments
 
 
-@pytest.mark.parametrize(
-    ("second", "words"),
-    [("run", r"another granpipe \(process \d+ on .*\) is running tiny"), ("clean", "a run uses this store")],
-    ids=["run", "clean"],
-)
-def test_during_a_run_a_second_one_and_a_clean_are_refused_and_touch_nothing(
-    tiny: Path, tmp_path: Path, second: str, words: str
-) -> None:
-    tiny.write_text(tiny.read_text().replace("max_time: 1.2 s", "max_time: 3 s"))  # the second needs a second to begin
+def test_during_a_run_a_second_one_and_a_clean_are_refused_and_touch_nothing(tiny: Path, tmp_path: Path) -> None:
+    tiny.write_text(tiny.read_text().replace("max_time: 1.2 s", "max_time: 3 s"))  # the others need a second to begin
     results = tmp_path / "results"
     first = start(tiny, results)
     wait_for(".store/produce-*/segment-00002", results)
-    command = [second, *([str(tiny)] if second == "run" else []), "--results", str(results)]
-    refused = subprocess.run([sys.executable, "-m", "granpipe", *command], capture_output=True, text=True, check=False)
-    assert first.poll() is None, "it was over before: make it longer"
-    assert (refused.returncode, bool(re.search(words, refused.stderr))) == (3, True), refused.stderr
+    others = (
+        ("run", str(tiny), r"another granpipe \(process \d+ on .*\) is running tiny"),
+        ("clean", "a run uses this store"),
+    )
+    for *arguments, words in others:
+        command = [sys.executable, "-m", "granpipe", *arguments, "--results", str(results)]
+        refused = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert first.poll() is None, "it was over before: make it longer"
+        assert (refused.returncode, bool(re.search(words, refused.stderr))) == (3, True), refused.stderr
     _, said = first.communicate(timeout=60)
     assert first.returncode in (0, 4), said
     assert len(segments(results)) == make_plan(read_case(tiny).case).dem.segments

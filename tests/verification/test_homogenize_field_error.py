@@ -68,6 +68,7 @@ def test_straight_paths_of_a_diameter_do_not_bend_the_flow():
     assert bias[3, "displacement"]["u"] > 3 * bias[1, "displacement"]["u"]
 
 
+@pytest.mark.slow
 def test_nominal_intervals_hold_the_truth_as_often_as_they_say():
     # over 10 independent runs: of the faces with more than 5 % of the mean flux, 90–99 % within Student's 95 %
     mean = np.sqrt(np.average(TRUTH[1] ** 2, weights=np.broadcast_to(GRID.ring_area, TRUTH[1].shape)))
