@@ -1,6 +1,7 @@
 """The house rules of the source tree, checked on its syntax: who imports whom, who prints, what the files may hold."""
 
 import ast
+import functools
 import graphlib
 import re
 import subprocess
@@ -90,12 +91,11 @@ def running(tree: ast.AST, skip: tuple[type, ...] = ()) -> Iterator[ast.AST]:
 
 def own_modules(nodes: Iterator[ast.AST], source: Path) -> set[str]:
     """Modules of granpipe that are imported among `nodes`, as `field` or `dem.run`."""
-    known = {module(one) for one in (ROOT / "granpipe").rglob("*.py")}
     found = set()
     for full in imports(nodes, source):
         inside = full.split(".")[1:] if full.startswith("granpipe.") else []
         parts = [".".join(inside[:length]) for length in range(len(inside), 0, -1)]
-        found.update([next((part for part in parts if part in known), parts[-1])] if parts else [])
+        found.update([next((part for part in parts if part in MODULES), parts[-1])] if parts else [])
     return found - {"__version__"}
 
 
@@ -103,16 +103,23 @@ def module(source: Path) -> str:
     return ".".join(source.relative_to(ROOT / "granpipe").with_suffix("").parts).removesuffix(".__init__")
 
 
+MODULES = frozenset(module(source) for source in SOURCES)
+
+
+@functools.cache
+def parsed(source: Path) -> ast.Module:
+    return ast.parse(source.read_text())
+
+
 def foreign(source: Path) -> set[str]:
     """What a room's file imports of granpipe from rooms that it may not import."""
     room = module(source).split(".")[0]
-    modules = own_modules(ast.walk(ast.parse(source.read_text())), source)
+    modules = own_modules(ast.walk(parsed(source)), source)
     return {one for one in modules if one.split(".")[0] not in {room, *BASE, *ROOMS[room]}}
 
 
 def prints_or_exits(source: Path) -> set[str]:
-    tree = ast.parse(source.read_text())
-    names = {ast.unparse(node) for node in ast.walk(tree) if isinstance(node, ast.Name | ast.Attribute)}
+    names = {ast.unparse(node) for node in ast.walk(parsed(source)) if isinstance(node, ast.Name | ast.Attribute)}
     return names & {
         "print",
         "input",
@@ -133,9 +140,10 @@ def text_files() -> Iterator[Path]:
             yield file
 
 
+@functools.cache
 def import_graph() -> dict[str, set[str]]:
     """Module → the modules of granpipe that it imports, at any place but for the type checker alone."""
-    return {module(source): own_modules(running(ast.parse(source.read_text())), source) for source in SOURCES}
+    return {module(source): own_modules(running(parsed(source)), source) for source in SOURCES}
 
 
 def levels(graph: dict[str, set[str]]) -> dict[str, int]:
@@ -175,7 +183,7 @@ def test_rooms_stack_few_levels_high_without_a_circle() -> None:
 
 @pytest.mark.parametrize("source", SOURCES, ids=name)
 def test_special_libraries_are_imported_where_they_are_used(source: Path) -> None:
-    at_import = running(ast.parse(source.read_text()), skip=(ast.FunctionDef, ast.AsyncFunctionDef))
+    at_import = running(parsed(source), skip=(ast.FunctionDef, ast.AsyncFunctionDef))
     parts = {part for full in imports(at_import, source) for part in full.split(".")}
     if source.stem.endswith("_numba"):  # compiled functions: a module like this is itself imported late
         parts -= {"numba", "compiled_numba"}
@@ -279,7 +287,7 @@ def public_functions(tree: ast.Module) -> Iterator[ast.FunctionDef]:
 def test_a_public_function_that_raises_an_error_of_the_package_says_so(source: Path) -> None:
     silent = [
         (function.name, error)
-        for function in public_functions(ast.parse(source.read_text()))
+        for function in public_functions(parsed(source))
         for error in raised_here(function)
         if error not in (ast.get_docstring(function) or "")
     ]
