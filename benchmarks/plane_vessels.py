@@ -103,6 +103,7 @@ def hopper(thickness: int) -> CaseFile:
         "name": hopper_name(thickness),
         "dem.thickness": repr(thickness * DIAMETER),
         "dem.max_time": repr(SECONDS),
+        "dem.start_speed": "1 mm/s",  # below the plate's: no faster start, so that all of the time is at one speed
         "dem.ranks": "1",
         "homogenize.start": repr(START),
         "export": "[]",

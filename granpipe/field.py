@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from math import pi
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -142,6 +142,10 @@ class Measure:
     def across(self, x: Array, y: Array) -> Array:
         """r of points: their distance from the axis, or x [m]."""
         return np.hypot(x, y) if self.axial else x
+
+    def hydraulic_diameter(self, width: float) -> float:
+        """4 × area / perimeter of a level [m]: its diameter, or twice the distance of the walls of a slab."""
+        return width if self.axial else 2 * width
 
     @property
     def letter(self) -> str:
@@ -326,6 +330,18 @@ class Grid:
         ):
             raise ValueError("the cells are not squares, the first one on the axis")
 
+    def part(self, rows: slice, columns: slice) -> Self:
+        """Some of its rows and columns of cells, counted from the lowest and from the least r (x)."""
+        return replace(self, r_edges=_edges_of(self.r_edges, columns), z_edges=_edges_of(self.z_edges, rows))
+
+    def where(self, part: Grid) -> tuple[slice, slice]:
+        """Rows and columns of cells of a grid with the same cells that is a part of this one."""
+        return _cells_of(part.z_edges, self.z_edges), _cells_of(part.r_edges, self.r_edges)
+
+    def of_slice(self, measure: Measure) -> Grid:
+        """The grid of the part that particles fill; a body of revolution has no slices, and keeps its own."""
+        return self
+
     @property
     def _edges(self) -> dict[str, Array]:
         """Direction → edges."""
@@ -338,6 +354,17 @@ class Grid:
     def name_of(self, flux: str) -> str:
         """Name in a file of what the code calls ``flux_r`` and the like."""
         return flux
+
+
+def _edges_of(edges: Array, cells: slice) -> Array:
+    """The edges of some of the cells between edges."""
+    return edges[cells.start : cells.stop + 1]
+
+
+def _cells_of(part: Array, edges: Array) -> slice:
+    """Which cells between edges those between the edges of a part are."""
+    first = int(np.abs(edges - part[0]).argmin())
+    return slice(first, first + len(part) - 1)
 
 
 def _check_number(width: float, height: float, cell: float) -> None:
@@ -409,9 +436,9 @@ class Box(Grid):
         _, dy, dz = self._steps
         return np.full(len(self.r_edges), dy * dz)
 
-    def slice(self, depth: float) -> Box:
-        """The grid of a slice of some depth [m] between periodic faces, which cut no particle."""
-        return replace(self, y_edges=np.array([0.0, depth]), cut=False)
+    def of_slice(self, measure: Measure) -> Box:
+        """The grid of a slice between periodic faces, which cut no particle."""
+        return replace(self, y_edges=np.array([0.0, measure.turn]), cut=False)
 
     @property
     def front_area(self) -> float:

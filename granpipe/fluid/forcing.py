@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from granpipe.errors import DataError
-from granpipe.field import Array
+from granpipe.field import ROUND, Array, Measure
 from granpipe.fluid.stokes import Forcing
 from granpipe.fluid.wall_speed import BoundaryData
 from granpipe.rzmesh import RZMesh
@@ -30,10 +30,11 @@ class KnownFlow:
     Parameters
     ----------
     r_edges, z_edges : nodes of its grid, rising [m]; it may cover a part of the vessel
-    psi : (nz+1, nr+1) its stream function, for any flow rate [m³/s per radian]
+    psi : (nz+1, nr+1) its stream function, for any flow rate [m³/s per radian or metre of depth]
     intervals : lower and upper end of the parts where the fluid is to follow it altogether [m]
     ramp : length over which the force fades beyond these ends [m]
-    force_factor : K in units of μ/a², a being the radius of the vessel's outlet
+    force_factor : K in units of μ/a², a being the radius of the vessel's outlet, or half the width of a slot
+    measure : what its section stands for
     """
 
     r_edges: Array
@@ -42,11 +43,12 @@ class KnownFlow:
     intervals: tuple[tuple[float, float], ...]
     ramp: float
     force_factor: float = FORCE_FACTOR
+    measure: Measure = ROUND
 
     @property
     def flow(self) -> float:
-        """Its flow Φ [m³/s], positive downwards, as ψ on the outermost column of nodes has it."""
-        return float(-2 * np.pi * self.psi[:, -1].mean())
+        """Its flow Φ [m³/s], positive downwards, as ψ on the outermost columns of nodes has it."""
+        return float(self.measure.turn * (self.psi[:, 0] - self.psi[:, -1]).mean())
 
     def strength(self, z: Array) -> Array:
         """Part of the full force at a height: 1 in the intervals, 0 farther than `ramp` from all of them."""
@@ -55,19 +57,23 @@ class KnownFlow:
         return np.asarray(near**3 * (10 - 15 * near + 6 * near**2))
 
     def velocity(self) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """u* and w* at (r, z) for a flow of 1 m³/s, from a bicubic spline of ψ in z and r²: divergence-free throughout.
+        """u* and w* at (r, z) for a flow of 1 m³/s, from a bicubic spline of ψ: divergence-free throughout.
 
-        In r² plug flow is linear and the axis has nothing singular.
+        It is a spline in z and ∫ r dr, or x in a slab: there plug flow is linear and the axis has nothing singular.
         """
         from scipy.interpolate import RectBivariateSpline
 
-        psi = RectBivariateSpline(self.z_edges, self.r_edges**2, self.psi / self.flow)
-        (z_min, z_max), r_max = self.z_edges[[0, -1]], self.r_edges[-1]
+        measure = self.measure
+        psi = RectBivariateSpline(self.z_edges, measure.reach(self.r_edges), self.psi / self.flow)
+        (z_min, z_max), (r_min, r_max) = self.z_edges[[0, -1]], self.r_edges[[0, -1]]
+        if measure.axial:
+            r_min = 1e-6 * r_max
 
         def at(r: Array, z: Array) -> tuple[Array, Array]:
-            radius, height = np.clip(r, 1e-6 * r_max, r_max), np.clip(z, z_min, z_max)
-            u = -psi(height, radius**2, dx=1, grid=False) / radius
-            return u, 2 * psi(height, radius**2, dy=1, grid=False)
+            across, height = np.clip(r, r_min, r_max), np.clip(z, z_min, z_max)
+            reach = measure.reach(across)
+            u = -psi(height, reach, dx=1, grid=False) / measure.weight(across)
+            return u, psi(height, reach, dy=1, grid=False)
 
         return at
 
@@ -92,8 +98,9 @@ class KnownFlow:
 
 def force_of(known: KnownFlow, mesh: RZMesh) -> Forcing:
     """The volume force in a mesh, for a fluid with a flow of 1 m³/s and unit viscosity."""
-    outlet_radius = float(mesh.ends()[mesh.named("outlet"), :, 0].max())
-    full = known.force_factor / outlet_radius**2
+    outlet = mesh.ends()[mesh.named("outlet"), :, 0]
+    radius = outlet.max() if mesh.measure.axial else 0.5 * np.ptp(outlet)
+    full = known.force_factor / float(radius) ** 2
 
     def factor(r: Array, z: Array) -> Array:
         return full * known.strength(z)

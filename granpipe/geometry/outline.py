@@ -199,6 +199,10 @@ class Outline:
         """0 on the axis, or x of the left wall [m] at heights z; at a ledge just below or just above it."""
         return np.zeros_like(z, dtype=float) if self.measure.axial else -self.mirrored().wall_radius(z, side)
 
+    def hydraulic_diameter(self, z: ArrayLike, side: Side = "below") -> Array:
+        """4 × area / perimeter [m] at heights z without obstacles: the diameter, or twice the width of a slab."""
+        return 2 * (self.wall_radius(z, side) - self.left_end(z, side))
+
     def wall_slope(self, z: ArrayLike, side: Side = "below") -> Array:
         """dr/dz of the outer wall at heights z; at a corner just below or just above it."""
         return self._at_wall(z, side)[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 
@@ -16,16 +17,18 @@ TOLERANCE = 0.01
 
 
 def check_vessel(field: Field, outline: Outline, path: Path) -> None:
-    """Make sure that a field read from `path` is one of this vessel; one of a plane or of space is not looked at.
+    """Make sure that a field read from `path` is one of this vessel; one in space is not looked at.
 
     Raises
     ------
     DataError : it is the field of another one
     """
-    if not field.grid.measure.axial:
+    if len(field.grid.shape) == 3:
         return
     low, high, slack = field.grid.z_edges[0], field.grid.z_edges[-1], 0.5 * field.grid.cell
-    if low < outline.z_bottom - slack or high > outline.z_top + slack:
+    if field.grid.measure.axial != outline.measure.axial:
+        found = f"it is one in {kind_of(field.grid)}"
+    elif low < outline.z_bottom - slack or high > outline.z_top + slack:
         found = f"it covers z = {low:.4g} … {high:.4g} m, the vessel z = {outline.z_bottom:.4g} … {outline.z_top:.4g} m"
     else:
         found = other_vessel(field, outline)
@@ -34,13 +37,16 @@ def check_vessel(field: Field, outline: Outline, path: Path) -> None:
 
 
 def other_vessel(field: Field, outline: Outline, low: float = -inf, high: float = inf) -> str:
-    """What tells that the vessel of a field on rings is another one between two levels [m]; empty if it is the same."""
+    """What tells that the vessel of a field is another one between two levels [m]; empty if it is the same.
+
+    The field lies on rings or in the plane x–z, as the vessel's own does; a slab may have another depth.
+    """
     grid = field.grid
     rows = (grid.z_centres > low) & (grid.z_centres < high)
-    wide = Grid(_beyond(grid.r_edges, outline.r_max), grid.z_edges)
+    wide = replace(grid, r_edges=_beyond(grid.r_edges, outline.r_min, outline.r_max))
     here = outline.inside_fraction(wide)[rows]
     there = np.zeros_like(here)
-    there[:, : grid.shape[1]] = field.inside_fraction[rows]
+    there[:, wide.where(grid)[1]] = field.inside_fraction[rows]
     apart = (np.abs(here - there) @ wide.ring_area) / (here @ wide.ring_area)
     worst = int(apart.argmax())
     if apart[worst] <= TOLERANCE:
@@ -50,8 +56,15 @@ def other_vessel(field: Field, outline: Outline, low: float = -inf, high: float 
     )
 
 
-def _beyond(edges: Array, radius: float) -> Array:
-    """Edges (n,) of equal width, continued until they reach a radius."""
+def kind_of(grid: Grid) -> str:
+    """In what a field lies, for messages."""
+    return "x, y and z" if len(grid.shape) == 3 else f"{grid.measure.letter} and z"
+
+
+def _beyond(edges: Array, low: float, high: float) -> Array:
+    """Edges (n,) of equal width, continued on both sides until they reach two ends."""
     width = edges[1] - edges[0]
-    count = max(len(edges) - 1, int(np.ceil(radius / width - 1e-9)))
-    return np.concatenate([edges, width * np.arange(len(edges), count + 1)])
+    left, right = (max(0, int(np.ceil(gap / width - 1e-9))) for gap in (edges[0] - low, high - edges[-1]))
+    return np.concatenate(
+        [edges[0] - width * np.arange(left, 0, -1), edges, edges[-1] + width * np.arange(1, right + 1)]
+    )

@@ -94,12 +94,8 @@ def _flow_energy(outline: Outline, bulk_flow: float) -> float:
 def _elastic_energy(outline: Outline, settings: Settings, wall_friction: float) -> float:
     """Most work by mass [J/kg] that the bed's weight does on its contacts: stress over density times their overlap."""
     height = settings.wall_top - settings.lowest
-    return contact.MEAN_OVERLAP * contact.janssen_step(0.0, 1.0, _hydraulic_diameter(outline), wall_friction, height)
-
-
-def _hydraulic_diameter(outline: Outline) -> float:
-    """4 × area / perimeter of the widest level [m]: the diameter, or twice the width of a slab."""
-    return outline.width if outline.measure.axial else 2 * outline.width
+    widest = outline.measure.hydraulic_diameter(outline.width)
+    return contact.MEAN_OVERLAP * contact.janssen_step(0.0, 1.0, widest, wall_friction, height)
 
 
 def _inside(outline: Outline, r: Array, z: Array) -> Mask:

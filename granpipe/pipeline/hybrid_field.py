@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from granpipe.errors import CaseError
-from granpipe.field import Array, Field, Grid, Mask, cell_squares
+from granpipe.field import Array, Field, Mask, cell_squares
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.fluid.forcing import KnownFlow
 from granpipe.pipeline.context import Context
@@ -89,10 +89,10 @@ def known_flow(plan: Plan, followed: Followed) -> KnownFlow:
             raise CaseError(
                 "must be psi for a hybrid: only a stream function can be followed", ("homogenize", "method")
             )
-        rows = _rows(field.grid, grid.z_edges)
+        rows, columns = (_nodes(cells) for cells in grid.where(field.grid))
         unit = field.psi / (field.bulk_packing * field.bulk_flow)
-        psi[rows, : unit.shape[1]] = unit
-        psi[rows, unit.shape[1] :] = unit[:, -1:]
+        beside = columns.start, len(grid.r_edges) - columns.stop  # where ψ is that of the wall
+        psi[rows] = np.pad(unit, ((0, 0), beside), mode="edge")
     known = np.flatnonzero(np.isfinite(psi[:, 0]))
     nearest = known[np.abs(np.arange(len(psi))[:, None] - known).argmin(axis=1)]
     spans = [span for span, _ in followed]
@@ -104,22 +104,20 @@ def known_flow(plan: Plan, followed: Followed) -> KnownFlow:
         intervals=tuple((span.bottom, span.top) for span in spans),
         ramp=min(margins, default=grid.cell),
         force_factor=plan.case.fluid.force_factor,
+        measure=grid.measure,
     )
 
 
-def _rows(part: Grid, z_edges: Array) -> slice:
-    """Where the levels of a sub-model's grid stand among those of the vessel."""
-    first = int(np.abs(z_edges - part.z_edges[0]).argmin())
-    return slice(first, first + len(part.z_edges))
+def _nodes(cells: slice) -> slice:
+    """The nodes, or the faces across, of a range of cells."""
+    return slice(cells.start, cells.stop + 1)
 
 
 def _bulk(field: Field, followed: Followed) -> Mask:
     """Solids everywhere inside, but for the voids that the sub-models found."""
     bulk = field.bulk.copy()
     for _, made in followed:
-        rows = _rows(made.field.grid, field.grid.z_edges)
-        cells = slice(rows.start, rows.stop - 1), slice(0, made.field.grid.shape[1])
-        bulk[cells] &= made.field.bulk
+        bulk[field.grid.where(made.field.grid)] &= made.field.bulk
     return bulk
 
 
@@ -133,11 +131,11 @@ def _errors(field: Field, followed: Followed) -> tuple[Array | None, Array | Non
         part = made.field
         if part.flux_r_se is None or part.flux_z_se is None:
             return None, None
-        rows = _rows(part.grid, field.grid.z_edges)
+        rows, columns = field.grid.where(part.grid)
         scale = part.velocity_scale / field.velocity_scale
-        error_r[rows.start : rows.stop - 1], error_z[rows] = 0.0, 0.0  # beside the part nothing flows
-        error_r[rows.start : rows.stop - 1, : part.flux_r_se.shape[1]] = part.flux_r_se * scale
-        error_z[rows, : part.flux_z_se.shape[1]] = part.flux_z_se * scale
+        error_r[rows], error_z[_nodes(rows)] = 0.0, 0.0  # beside the part nothing flows
+        error_r[rows, _nodes(columns)] = part.flux_r_se * scale
+        error_z[_nodes(rows), columns] = part.flux_z_se * scale
     return error_r, error_z
 
 
@@ -166,14 +164,12 @@ def _difference(field: Field, part: Field, low: float, high: float, noise: bool)
 
     With `noise` less what the standard errors of the part explain; 0 where there is nothing to compare.
     """
-    rows = _rows(part.grid, field.grid.z_edges)
-    at = slice(rows.start, rows.stop - 1)
-    columns = part.grid.shape[1]
-    chosen = part.bulk & field.bulk[at, :columns]
+    rows, columns = field.grid.where(part.grid)
+    chosen = part.bulk & field.bulk[rows, columns]
     chosen &= ((part.grid.z_centres > low) & (part.grid.z_centres < high))[:, None]
     scale = field.velocity_scale / part.velocity_scale
-    apart_r = field.flux_r[at, : columns + 1] * scale - part.flux_r
-    apart_z = field.flux_z[rows, :columns] * scale - part.flux_z
+    apart_r = field.flux_r[rows, _nodes(columns)] * scale - part.flux_r
+    apart_z = field.flux_z[_nodes(rows), columns] * scale - part.flux_z
     weight = np.where(chosen, part.grid.ring_area, 0.0)
     error, flux = (
         float((weight * cell_squares(r, z)).sum()) for r, z in ((apart_r, apart_z), (part.flux_r, part.flux_z))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from granpipe.case.material import LEAST_PACKING, MOST_PACKING
 from granpipe.errors import CaseError
-from granpipe.field import Field, Grid, flux_from_psi
-from granpipe.pipeline.field_vessel import other_vessel
+from granpipe.field import Field, flux_from_psi
+from granpipe.pipeline.field_vessel import kind_of, other_vessel
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.provenance import known_gates
@@ -38,14 +39,16 @@ def known_results(plan: Plan) -> list[tuple[Span, ModelResult]]:
     if path.name == "field.npz" and (path.parent / MANIFEST).exists():
         verify(path.parent, path.name, *({"provenance.json"} & read_manifest(path.parent).keys()))
     field = Field.load(path)
-    _check_flow(field, path)
+    _check_flow(field, plan, path)
+    if plan.case.outline.depth is not None:
+        field = field.of_depth(plan.case.outline.depth)
     gates, notes = _quality(path)
     return [(span, ModelResult(_cut_out(field, span, plan, path), gates, notes=notes)) for span in plan.followed]
 
 
-def _check_flow(field: Field, path: Path) -> None:
-    if not field.grid.measure.axial:
-        raise CaseError(f"{path} is a field in x and z; a vessel of revolution needs one in r and z", KEY)
+def _check_flow(field: Field, plan: Plan, path: Path) -> None:
+    if (found := kind_of(field.grid)) != (needed := kind_of(plan.grid)):
+        raise CaseError(f"{path} is a field in {found}; this vessel needs one in {needed}", KEY)
     if field.psi is None:
         raise CaseError(f"{path} has no stream function; make it with homogenize.method: psi", KEY)
     if not field.bulk_flow > 0:
@@ -58,7 +61,8 @@ def _check_flow(field: Field, path: Path) -> None:
             f"between {LEAST_PACKING:g} and {MOST_PACKING:g}",
             KEY,
         )
-    carried = -2 * np.pi * (field.psi[:, -1] - field.psi[:, 0]) / (field.bulk_flow * field.bulk_packing)
+    turn = field.grid.measure.turn
+    carried = -turn * (field.psi[:, -1] - field.psi[:, 0]) / (field.bulk_flow * field.bulk_packing)
     worst = int(np.abs(carried - 1).argmax())
     if abs(carried[worst] - 1) > FLOW_TOLERANCE:
         raise CaseError(
@@ -77,7 +81,7 @@ def _quality(path: Path) -> tuple[tuple[Gate, ...], tuple[str, ...]]:
 
 
 def _cut_out(field: Field, span: Span, plan: Plan, path: Path) -> Field:
-    """The part of the field that a span covers, on the vessel's rows; ψ by a bicubic spline in z and r²."""
+    """The part of the field that a span covers, on the vessel's rows; ψ by a bicubic spline in z and ∫ r dr (or x)."""
     from scipy.interpolate import RectBivariateSpline
 
     old, slack = field.grid, 0.5 * plan.grid.cell
@@ -90,9 +94,10 @@ def _cut_out(field: Field, span: Span, plan: Plan, path: Path) -> Field:
     if found := other_vessel(field, plan.outline, span.cut_bottom, span.cut_top):
         raise CaseError(f"{path} is the field of another vessel: {found}; give a field of this outline", KEY)
     levels = plan.grid.z_edges
-    grid = Grid(plan.grid.r_edges, levels[(levels > span.cut_bottom - slack) & (levels < span.cut_top + slack)])
-    spline = RectBivariateSpline(old.z_edges, old.r_edges**2, field.psi)
-    psi = spline(grid.z_edges, np.minimum(grid.r_edges, old.r_edges[-1]) ** 2)
+    grid = replace(plan.grid, z_edges=levels[(levels > span.cut_bottom - slack) & (levels < span.cut_top + slack)])
+    reach = grid.measure.reach
+    spline = RectBivariateSpline(old.z_edges, reach(old.r_edges), field.psi)
+    psi = spline(grid.z_edges, reach(np.clip(grid.r_edges, *old.r_edges[[0, -1]])))
     psi[:, 0] = 0.0
     flux_r, flux_z = flux_from_psi(psi, grid)
     row = np.clip(np.searchsorted(old.z_edges, grid.z_centres) - 1, 0, old.shape[0] - 1)

@@ -7,11 +7,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from granpipe.case.schema import Case
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, check_gap, choose
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError, MeshError
-from granpipe.field import Box, Grid, section_rows
+from granpipe.field import Array, Box, Grid, section_rows
 from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
@@ -20,7 +22,7 @@ from granpipe.geometry.space_vessel import SpaceVessel
 from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
 from granpipe.planning.doubts import doubts, size_hint, unit_hint
 from granpipe.planning.flow import check_flow_rate
-from granpipe.planning.plane import check_model, check_plane, depth_note
+from granpipe.planning.plane import check_plane, depth_note
 from granpipe.planning.sections import section_needs, section_ranges
 from granpipe.planning.set_back import check_whole, walls_of
 from granpipe.planning.space import (
@@ -35,7 +37,7 @@ from granpipe.planning.space import (
     sums_memory,
 )
 from granpipe.planning.submodel import Span, spans, sub_case
-from granpipe.planning.wall_factors import wall_factor_decisions
+from granpipe.planning.wall_factors import sections_without_law, wall_factor_decisions
 from granpipe.progress import duration_text
 from granpipe.system.rates import RANK_GAIN
 
@@ -250,18 +252,16 @@ class _Scene:
         by_dem = {name for name, need in self.needs.items() if need.model == "dem"}
         if not by_dem:
             return "fluid"
-        if (
-            self.case.outline.symmetry == "plane"
-            or by_dem == set(self.needs)
-            or not by_dem <= set(self.outline.sections)
-        ):
+        if by_dem == set(self.needs) or not by_dem <= set(self.outline.sections):
+            return "dem"
+        fluid = {name: one for name, one in section_ranges(self.case, self.outline).items() if name not in by_dem}
+        if sections_without_law(self.case, self.outline, fluid):
             return "dem"
         hybrid, dem = self.plan("hybrid"), self.plan("dem")
         return "hybrid" if hybrid.particle_steps < HYBRID_GAIN * dem.particle_steps else "dem"
 
     def plan(self, model: Model) -> Plan:
         """The plan of one model."""
-        check_model(self.case, model)
         return {"fluid": self._fluid, "dem": self._dem, "hybrid": self._hybrid}[model]()
 
     def _fluid(self) -> Plan:
@@ -373,8 +373,7 @@ class _Scene:
         if "mixing" in self.case.homogenize.fields and len(settings.classes.radius) < 2:
             raise CaseError("mixing tells how sizes lie among each other, and material.size is one size alone", FIELDS)
         grid = self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER)
-        if isinstance(grid, Box):  # a periodic depth cuts no particle
-            grid = grid.slice(outline.measure.turn)
+        grid = grid.of_slice(outline.measure)
         self._check_sections(grid)
         notes = check_flow_rate(self.case, self.outline, self.openings)
         plan = self._made("dem", grid, stages, left, notes=list(notes))
@@ -463,7 +462,7 @@ class _Scene:
             case,
             {n: need.dem for n, need in self.needs.items()},
             classes.d90,
-            lambda z, side: float(self.outline.wall_radius(z, side)),
+            lambda z, side: float(self.outline.hydraulic_diameter(z, side)),
         )
         if not found:
             raise CaseError("no section needs DEM; set model: auto or fluid, or model: dem in a section", ("model",))
@@ -500,9 +499,9 @@ class _Scene:
     def _submodel(self, span: Span, grid: Grid) -> tuple[Span, Plan]:
         """The plan of a sub-model, on the rows of the whole vessel's grid that it covers."""
         plan = make_plan(sub_case(self.case, span), self.cores)
-        rows = (grid.z_edges > span.cut_bottom - 0.5 * grid.cell) & (grid.z_edges < span.cut_top + 0.5 * grid.cell)
-        columns = math.ceil(plan.outline.r_max / grid.cell - 1e-9)
-        return span, replace(plan, grid=Grid(grid.r_edges[: columns + 1], grid.z_edges[rows]))
+        rows = _covered(grid.z_edges, span.cut_bottom, span.cut_top)
+        columns = _covered(grid.r_edges, plan.outline.r_min, plan.outline.r_max)
+        return span, replace(plan, grid=grid.part(rows, columns).of_slice(plan.outline.measure))
 
     def _why(self, span: Span) -> str:
         return "; ".join(f"{name}: {self.needs[name].dem or 'between its neighbours'}" for name in span.sections)
@@ -574,6 +573,13 @@ class _Scene:
 
     def _opening_cell(self) -> float:
         return min(opening.gap for opening in self.openings) / CELLS_PER_OPENING
+
+
+def _covered(edges: Array, low: float, high: float) -> slice:
+    """The cells between edges that two ends enclose, parts of cells included [m]."""
+    slack = 1e-9 * float(edges[1] - edges[0])
+    first = int(np.searchsorted(edges, low + slack, side="right")) - 1
+    return slice(max(0, first), int(np.searchsorted(edges, high - slack)))
 
 
 def _check_duration(case: Case, settings: Settings, cores: int) -> None:

@@ -23,7 +23,6 @@ def check_plane(case: Case, by_dumps: bool = False) -> None:
     if case.outline.symmetry == "axis":
         return
     if not by_dumps:
-        check_model(case, case.model)
         if case.fluid.rheology != "viscous":
             raise CaseError("a slab is computed as a viscous fluid only; leave it out", ("fluid", "rheology"))
         if case.fluid.annulus is not None:
@@ -38,17 +37,6 @@ def check_plane(case: Case, by_dumps: bool = False) -> None:
         raise CaseError(f"{others[0]} is made for r and z only; in a slab choose of {', '.join(EXPORTS)}", ("export",))
     if fields := [name for name in case.homogenize.fields if name != "residence_time"]:
         raise CaseError(f"{fields[0]} is summed on rings only; leave it out in a slab", ("homogenize", "fields"))
-
-
-def check_model(case: Case, model: str) -> None:
-    """Make sure that the vessel can have a model.
-
-    Raises
-    ------
-    CaseError : a hybrid is asked for in a slab
-    """
-    if case.outline.symmetry == "plane" and model == "hybrid":
-        raise CaseError("a slab is computed by particles or as a fluid, not as a hybrid: set dem or fluid", ("model",))
 
 
 def depth_note(case: Case) -> str:

@@ -17,11 +17,18 @@ from granpipe.errors import CaseError
 
 Side = Literal["above", "below"]
 
+WALLS = ("wall", "left", "right")
+KINDS = ("symmetry", *WALLS, "depth")
+"""What an outline has beside obstacles and sections."""
+
 SEAM_DIAMETERS = 5.0
 """Margin beyond a seam in particle diameters d90: entrance and plate order the particles near them."""
 
-SEAM_WIDTHS = 0.5
-"""Margin beyond a seam in vessel diameters: what a flow in a straight pipe needs to become a plug."""
+SEAM_DIAMETERS_OF_VESSEL = 0.5
+"""Margin beyond a seam in hydraulic diameters of the vessel: what a flow between straight walls needs to become a plug.
+
+What differs from a developed creeping flow dies away as exp(−4.46 z/R) in a pipe and as exp(−2.11 z/h) between walls
+2 h apart (least eigenvalues of Stokes flow there), so that half of 2 R, or of 4 h, does the same for both."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +58,14 @@ class Span:
         )
 
 
-def spans(case: Case, needs: dict[str, str], d90: float, radius: Callable[[float, Side], float]) -> tuple[Span, ...]:
+def spans(case: Case, needs: dict[str, str], d90: float, diameter: Callable[[float, Side], float]) -> tuple[Span, ...]:
     """Merge neighbouring sections that need DEM and give each run its margins.
 
     Parameters
     ----------
     needs : section → why it needs DEM; empty where it does not
     d90 : particle diameter [m]
-    radius : wall radius [m] at a height, just "above" or "below" it
+    diameter : hydraulic diameter [m] at a height, just "above" or "below" it
     """
     sections = case.outline.sections
     top, bottom = case.outline.right_wall[0][1], case.outline.right_wall[-1][1]
@@ -74,8 +81,8 @@ def spans(case: Case, needs: dict[str, str], d90: float, radius: Callable[[float
     found: list[Span] = []
     for run in runs:
         high, low = sections[run[0]].z_top, sections[run[-1]].z_bottom
-        up = max(SEAM_DIAMETERS * d90, SEAM_WIDTHS * 2 * radius(high, "above"))
-        down = max(SEAM_DIAMETERS * d90, SEAM_WIDTHS * 2 * radius(low, "below"))
+        up = max(SEAM_DIAMETERS * d90, SEAM_DIAMETERS_OF_VESSEL * diameter(high, "above"))
+        down = max(SEAM_DIAMETERS * d90, SEAM_DIAMETERS_OF_VESSEL * diameter(low, "below"))
         span = Span(tuple(run), high, low, min(top, high + up), max(bottom, low - down))
         if found and found[-1].cut_bottom < span.cut_top:  # the margins meet: one sub-model serves both
             last = found.pop()
@@ -94,7 +101,6 @@ def sub_case(case: Case, span: Span) -> Case:
     ------
     CaseError : a cut passes through an obstacle
     """
-    wall = _cut(case.outline.right_wall, span.cut_top, span.cut_bottom)
     obstacles = {}
     for name, polygon in case.outline.obstacles.items():
         low, high = min(z for _, z in polygon), max(z for _, z in polygon)
@@ -114,7 +120,9 @@ def sub_case(case: Case, span: Span) -> Case:
         for name, section in case.outline.sections.items()
         if section.z_bottom < span.cut_top and section.z_top > span.cut_bottom
     }
-    outline = OutlineSpec(unit="m", wall=wall, obstacles=obstacles, sections=sections)
+    kept = {key: getattr(case.outline, key) for key in KINDS if key in case.outline.model_fields_set}
+    walls = {key: _cut(value, span.cut_top, span.cut_bottom) for key, value in kept.items() if key in WALLS}
+    outline = OutlineSpec(**kept | {"unit": "m", "obstacles": obstacles, "sections": sections} | walls)
     homogenize = case.homogenize.model_copy(update={"fields": ()})  # the whole vessel's field has no use for them
     return case.model_copy(
         update={"name": f"{case.name}-{span.name}", "outline": outline, "homogenize": homogenize, "model": "dem"}

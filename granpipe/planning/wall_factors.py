@@ -45,9 +45,7 @@ def wall_factor_decisions(case: Case, outline: Outline, sections: Mapping[str, S
         return
     law, friction = wall_factor_law(), wall_friction(case)
     for name, section in sections.items():
-        corners = [z for z in outline.levels if section.z_bottom < z < section.z_top]
-        slopes = [half.wall_slope([section.z_top, *corners], "below").max() for half in outline.halves]
-        angle = math.atan(max(slopes))
+        angle = _half_angle(outline, section)
         if angle <= 0:
             continue
         label = f"wall factor {'of section ' * (name in case.outline.sections)}{name}"
@@ -70,6 +68,20 @@ def wall_factor_decisions(case: Case, outline: Outline, sections: Mapping[str, S
             f"{source}; {wall}; expect an error of about {error:.0%} of the velocity there",
             warning="; ".join(notes),
         )
+
+
+def sections_without_law(case: Case, outline: Outline, sections: Mapping[str, Section]) -> list[str]:
+    """Those whose walls converge in a slab and have no wall factor: a fluid of them cannot be planned."""
+    if outline.measure.axial or case.fluid.walls == "slip":
+        return []
+    return [name for name, one in sections.items() if one.wall_factor is None and _half_angle(outline, one) > 0]
+
+
+def _half_angle(outline: Outline, section: Section) -> float:
+    """Of the flattest of the converging walls of a section, from the vertical [rad]; 0 and less: none."""
+    corners = [z for z in outline.levels if section.z_bottom < z < section.z_top]
+    slopes = [half.wall_slope([section.z_top, *corners], "below").max() for half in outline.halves]
+    return math.atan(max(slopes))
 
 
 def _of_a_slab(name: str, label: str, section: Section, angle: float) -> Decision:

@@ -277,7 +277,9 @@ def snapshot(step: int, place: Array) -> Snapshot:
 
 
 def test_a_particle_that_leaves_through_one_face_and_comes_in_at_the_other_has_not_moved_far():
-    grid = Box.within((-0.05, 0.05), (0, 0.5), (0, 0.1), 0.002, flat=True, cut=True).slice(0.03)
+    grid = Box.within((-0.05, 0.05), (0, 0.5), (0, 0.1), 0.002, flat=True, cut=True).of_slice(
+        Measure(0.03, axial=False)
+    )
     inside, across = np.array([[0.0, 0.010, 0.05]]), np.array([[0.0, 0.0295, 0.05]])
     way = np.array([0.0003, 0.001, -0.001])
     sums = []

@@ -23,7 +23,7 @@ def reactor() -> Case:
 def reactor_spans(case: Case, *need: str, d90: float = 0.1) -> tuple[Span, ...]:
     outline = Outline.from_case(case)
     needs = {name: "needed" if name in need else "" for name in case.outline.sections}
-    return spans(case, needs, d90, lambda z, side: float(outline.wall_radius(z, side)))  # type: ignore[arg-type]
+    return spans(case, needs, d90, lambda z, side: float(outline.hydraulic_diameter(z, side)))
 
 
 def test_neighbouring_sections_make_one_span_with_a_margin_at_its_seam(reactor: Case) -> None:

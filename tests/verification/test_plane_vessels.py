@@ -234,7 +234,6 @@ def test_a_hopper_of_which_nothing_is_said_needs_particles():
 @pytest.mark.parametrize(
     ("changes", "key", "words"),
     [
-        ({"model": "hybrid"}, ("model",), "not as a hybrid"),
         ({"fluid__rheology": "frictional"}, ("fluid", "rheology"), "viscous"),
         ({"export": ["openfoam"]}, ("export",), "comsol"),
         ({"homogenize__fields": ["particle_velocity"]}, ("homogenize", "fields"), "rings"),
