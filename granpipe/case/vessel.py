@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
+from granpipe.case.outline import OutlineSpec
 from granpipe.case.units import UnitError, length_unit
 from granpipe.case.values import File, Group, Identifier, Name, Place, Quantity, refuse
 from granpipe.case.yamlfile import Places
@@ -25,7 +26,7 @@ CAD = (*STEP, ".brep")
 """Endings of the files that are read."""
 
 _KEY = ("vessel", "file")
-_NO_OUTLINE = {"symmetry": "space"}  # in place of an outline; a case that granpipe wrote has it already
+_NO_OUTLINE = {"symmetry": "space"}  # in place of an outline
 
 
 class OutletSpec(Group):
@@ -88,7 +89,7 @@ def with_vessel(data: dict[str, Any], places: Places, folder: Path) -> None:
     if vessel is None:
         return
     outline = data.get("outline")
-    if outline is not None and outline != _NO_OUTLINE:
+    if outline is not None and outline not in (_NO_OUTLINE, _written()):
         message = "stands beside `vessel`, which gives the walls: leave one of the two out"
         raise CaseError(message, ("outline",), places.locate(("outline",)))
     data["outline"] = dict(_NO_OUTLINE)
@@ -100,6 +101,11 @@ def with_vessel(data: dict[str, Any], places: Places, folder: Path) -> None:
         message = f"{vessel['file']} is not the file any more that the case was made with: leave vessel.sha256 out"
         raise CaseError(message, _KEY, places.locate(_KEY))
     data["vessel"] = {**vessel, "file": str(path), "sha256": found}
+
+
+def _written() -> dict[str, Any]:
+    """What a case that granpipe wrote has in place of an outline."""
+    return OutlineSpec.model_validate(_NO_OUTLINE).model_dump(mode="json", exclude_none=True)
 
 
 def vessel_triangles(spec: VesselSpec) -> tuple[Points, Any]:

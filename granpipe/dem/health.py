@@ -89,8 +89,8 @@ class FlowLimits:
     fall : greatest height of free fall that the flow may take [m]; 0 where it sinks with the plate all the way
     brink : area of the opening that it falls from [m²]
     shares : name → part of the flow that passes it, where there are several outlets
-    beneath : centres (n, 3) [m] → number of the opening, in the order of `levels`, that each of them goes to; None
-        where all pass every opening
+    left_by : centres (n, 3) [m] → number of the outlet, in the order of `levels`, beyond which each of them lies, or
+        −1; None where all pass every opening
     """
 
     measure: Measure | None
@@ -105,7 +105,7 @@ class FlowLimits:
     fall: float
     brink: float
     shares: Mapping[str, float] = field(default_factory=dict)
-    beneath: Callable[[Array], NDArray[np.int64]] | None = None
+    left_by: Callable[[Array], NDArray[np.int64]] | None = None
 
     def at_pace(self, pace: float) -> FlowLimits:
         """The same where everything flows so many times faster."""
@@ -232,6 +232,10 @@ class FlowHealth:
         settings = self.settings
         z = snapshot.position[:, 2]
         below = z < (settings.lowest if settings.open_outlet else settings.plate_level(snapshot.step))
+        if self.vessel.left_by is not None:
+            below |= (
+                z < np.append(settings.plate_levels(snapshot.step), -np.inf)[self.vessel.left_by(snapshot.position)]
+            )
         gone = below & settings.open_outlet  # on its way out of the box
         outside = np.flatnonzero((~self.vessel.inside(snapshot.position) | below | (z > settings.wall_top)) & ~gone)
         if len(outside):
@@ -354,7 +358,8 @@ class _Passing:
         # plate travel [m] by which the solids should have gone down by ARCH_TRAVEL diameters in each opening
         travel = ARCH_TRAVEL * settings.classes.sauter_diameter * PACKING * vessel.speed / vessel.flow
         self.windows = travel * areas / self.shares
-        self.moves_from = DILATION * np.maximum(0.0, self.levels - settings.plate_z)  # plate travel [m]
+        above = self.levels - settings.plate_z - np.array(settings.rises)
+        self.moves_from = DILATION * np.maximum(0.0, above)  # plate travel [m]
         self.last: _Column | None = None
         self.passed: deque[tuple[float, Array]] = deque()  # between two snapshots: plate travel; the same while solids
         # move at each level, and the volume through it
@@ -374,13 +379,14 @@ class _Passing:
     def _between(self, before: _Column, now: _Column) -> Array:
         """(levels,) volume that went down through each level, less what went up [m³]."""
         _, i, j = np.intersect1d(before[1], now[1], assume_unique=True, return_indices=True)
+        if self.vessel.left_by is not None:  # with plates nothing is gone
+            outlets = np.arange(len(self.levels))[:, None]
+            left, left_before = (self.vessel.left_by(one) == outlets for one in (now[2][j], before[2][i]))
+            return np.asarray((left.astype(float) - left_before) @ before[3][i])
         after = np.full(len(before[1]), -np.inf)  # what is gone went down, through the outlet
         after[i] = now[2][j, 2]
         above, still_above = before[2][:, 2] > self.levels[:, None], after > self.levels[:, None]
-        went = above.astype(float) - still_above
-        if self.vessel.beneath is not None:
-            went *= self.vessel.beneath(before[2]) == np.arange(len(self.levels))[:, None]
-        return np.asarray(went @ before[3])
+        return np.asarray((above.astype(float) - still_above) @ before[3])
 
     def _check(self, step: int) -> None:
         latest_first = np.array([each for _, each in reversed(self.passed)])

@@ -122,6 +122,7 @@ class Vessel:
     widest : free area of the widest level [m²]
     measure : what the section stands for
     plates : speed of the plate in each outlet over the mean speed of the flow through all of them
+    rises : height of each outlet over the lowest point
     most_segments : that the room for the plate is cut into
     """
 
@@ -132,6 +133,7 @@ class Vessel:
     widest: float
     measure: Measure = ROUND
     plates: tuple[float, ...] = (1.0,)
+    rises: tuple[float, ...] = (0.0,)
     most_segments: int = MOST_SEGMENTS
 
     @property
@@ -193,6 +195,7 @@ class Settings:
     time_step : [s]
     plate_speed : downwards [m/s]; 0 with an open outlet; with several outlets the mean over their area
     plates : speed of the plate in each outlet over that
+    rises : height of each plate at the start over `plate_z` [m]
     start_speed : of the plate in the first segments [m/s]
     start_segments : segments at the start speed, where it is faster; 0 without a faster start
     segments_left_out : segments that are not averaged, whatever is in them: those of a faster start and some after it
@@ -200,7 +203,7 @@ class Settings:
     open_outlet : the bed discharges freely
     feed_bottom, feed_top : levels between which particles are inserted [m]
     wall_top : upper end of the reservoir's wall [m]
-    plate_z : level of the plate at the start [m]
+    plate_z : level of the plate at the start, below an outlet at the vessel's lowest point [m]
     bottom : lower end of the box [m], which has room for a longer run
     skin : of the neighbour lists [m]
     dump_every : steps between snapshots
@@ -236,6 +239,7 @@ class Settings:
     particles: int
     decisions: tuple[Decision, ...]
     plates: tuple[float, ...] = (1.0,)
+    rises: tuple[float, ...] = (0.0,)
 
     @property
     def steps(self) -> int:
@@ -271,9 +275,14 @@ class Settings:
         """Time [s] in which the bed moves as far at its final speed as it does up to a step of production."""
         return (step + (self.pace - 1) * min(step, self.start_steps)) * self.time_step
 
+    def plate_levels(self, step: int) -> tuple[float, ...]:
+        """Level of the plate in each outlet at a step of production [m]."""
+        travel = self.plate_speed * self.paced(step)
+        return tuple(self.plate_z + rise - part * travel for part, rise in zip(self.plates, self.rises, strict=True))
+
     def plate_level(self, step: int) -> float:
         """Level of the plate, of the lowest one where there are several, at a step of production [m]."""
-        return self.plate_z - max(self.plates) * self.plate_speed * self.paced(step)
+        return min(self.plate_levels(step))
 
     @property
     def lowest(self) -> float:
@@ -325,6 +334,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         after = AFTER_START * classes.sauter_diameter
         start_segments, start_speed = start.over(length.start_travel - after, segment_time)
         left_out = start_segments + math.ceil(after / (speed * segment_time) - 1e-9)
+    deepest = max(p * plate_speed * length.room - up for p, up in zip(vessel.plates, vessel.rises, strict=True))
     ends = vessel.inlet_area * reservoir + vessel.outlet_area * (clearance + 0.5 * travel)
     particles = round(PACKING * (vessel.volume + ends) / classes.mean_volume)
     return Settings(
@@ -342,7 +352,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         feed_top=level + feed / 2,
         wall_top=level + feed / 2 + 2 * classes.largest,
         plate_z=plate_z,
-        bottom=plate_z - max(vessel.plates) * plate_speed * length.room - _below_plate(classes, open_outlet),
+        bottom=plate_z - deepest - _below_plate(classes, open_outlet),
         skin=skin,
         dump_every=dump_every,
         segment_steps=dump_every * per_segment,
@@ -362,6 +372,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
             _time_choice(case, length),
         ),
         plates=vessel.plates,
+        rises=vessel.rises,
     )
 
 

@@ -16,7 +16,8 @@ from granpipe.errors import CaseError, DataError, KeyPath
 from granpipe.field import Array, Box, Boxes, Mask
 from granpipe.geometry.openings import Opening
 from granpipe.geometry.outline import Outline
-from granpipe.geometry.wall_mesh import WallMesh, WallOpening, nearest_opening
+from granpipe.geometry.spout import Spout
+from granpipe.geometry.wall_mesh import LEVEL, WallMesh, WallOpening
 
 if TYPE_CHECKING:
     from granpipe.case.vessel import OutletSpec
@@ -33,6 +34,11 @@ LEAST_CELLS = 5
 MOST_BLOCKS = 40
 """Blocks of one insertion region: LIGGGHTS tries them one after the other for every particle."""
 
+SIDE_FLOW = 0.5
+"""Free discharge through an opening in a side wall over that through a level one, a cautious rule: it falls as the
+opening is tilted (Sheldon & Durian, Granular Matter 12 (2010) 579)."""
+
+_SAMPLES = 4  # along each side of a cell beside an opening
 _OFF = 1.2  # cells by which the distance of a cell from the walls may be wrong: half its diagonal, and between samples
 _ROWS, _COLUMNS = 100, 60  # of the grid that areas of levels are taken from
 _SAME = 1e-3  # of the vessel's size: a point that names an opening lies as near to it, or inside it
@@ -46,6 +52,7 @@ class SpaceOutlet:
     ----------
     name : that of the case
     opening : where it is
+    spout : what lies beyond it in the simulation
     share : its part of the flow
     key : path in the case of what names it
     gap : diameter of the largest sphere that passes it, or the way to it [m]
@@ -53,28 +60,40 @@ class SpaceOutlet:
 
     name: str
     opening: WallOpening
+    spout: Spout
     share: float
     key: KeyPath
     gap: float
 
     @classmethod
     def of(cls, name: str, opening: WallOpening, share: float, key: KeyPath) -> SpaceOutlet:
-        """The outlet by itself."""
-        from shapely import Polygon, maximum_inscribed_circle
+        """The outlet by itself.
 
-        border = Polygon(opening.border)
-        circle = maximum_inscribed_circle(border, 1e-3 * math.sqrt(border.area))
-        return cls(name, opening, share, key, 2 * float(circle.length))
+        Raises
+        ------
+        CaseError : solids cannot leave through it
+        """
+        try:
+            spout = Spout.of(opening)
+        except DataError as error:
+            raise CaseError(f"the opening at {_at(opening)} {error}", key) from None
+        gap = min(_inscribed(opening.outline), _inscribed(spout.border))
+        return cls(name, opening, spout, share, key, gap)
+
+    @property
+    def load(self) -> float:
+        """Its part of the flow over what part of a level opening's free discharge it lets through."""
+        return self.share / (SIDE_FLOW if self.spout.fall else 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceVessel:
-    """A vessel in space. Above its inlet and below its outlets it goes on straight.
+    """A vessel in space. Above its inlet it goes on straight, beyond its outlets by their spouts and tubes.
 
     Parameters
     ----------
     walls : from triangles
-    outlets : all openings at the bottom
+    outlets : all openings but the inlet
     """
 
     walls: WallMesh
@@ -105,7 +124,9 @@ class SpaceVessel:
         if len(walls.inlets) > 1:
             places = " and ".join(f"({one.centre[0]:.4g}, {one.centre[1]:.4g}) m" for one in walls.inlets)
             raise CaseError(f"{len(walls.inlets)} openings at the top, at {places}; close all but the inlet", FILE)
-        return cls(walls, tuple(_named(walls, outlets, unit)))
+        found = cls(walls, tuple(_named(walls, outlets, unit)))
+        found._check_spouts()
+        return found
 
     @property
     def inlet(self) -> WallOpening:
@@ -119,8 +140,19 @@ class SpaceVessel:
 
     @property
     def z_bottom(self) -> float:
-        """Height of the lowest outlet [m]."""
-        return min(one.opening.z for one in self.outlets)
+        """Height of its lowest point [m]."""
+        return float(self.walls.ends[2, 0])
+
+    @property
+    def rises(self) -> tuple[float, ...]:
+        """Height of the upper edge of each outlet's tube over the lowest point [m]."""
+        return tuple(max(0.0, one.spout.z - self.z_bottom) for one in self.outlets)
+
+    @property
+    def at_bottom(self) -> bool:
+        """Whether all solids leave at its lowest level."""
+        slack = LEVEL * (self.z_top - self.z_bottom)
+        return all(rise <= slack and not one.spout.fall for rise, one in zip(self.rises, self.outlets, strict=True))
 
     @property
     def middle(self) -> float:
@@ -129,13 +161,13 @@ class SpaceVessel:
 
     @property
     def outlet_area(self) -> float:
-        """Of all outlets [m²]."""
-        return sum(one.opening.area for one in self.outlets)
+        """Of the tubes of all outlets [m²]."""
+        return sum(one.spout.area for one in self.outlets)
 
     @property
     def plate_speeds(self) -> tuple[float, ...]:
         """Speed of the plate in each outlet, over the mean speed of the flow through all of them."""
-        return tuple(one.share * self.outlet_area / one.opening.area for one in self.outlets)
+        return tuple(one.share * self.outlet_area / one.spout.area for one in self.outlets)
 
     @property
     def openings(self) -> tuple[Opening, ...]:
@@ -157,7 +189,8 @@ class SpaceVessel:
         ------
         CaseError : no way leads to an outlet
         """
-        cells = self._cells(self.z_top, self.z_bottom, cell)
+        lowest = min(one.spout.z for one in self.outlets)
+        cells = self._cells(self.z_top, min(self.z_bottom, lowest - (0.0 if self.at_bottom else 3 * cell)), cell)
         return replace(self, outlets=tuple(replace(one, gap=self._passage(one, cells)) for one in self.outlets))
 
     @cached_property
@@ -188,17 +221,39 @@ class SpaceVessel:
         from shapely import Polygon, contains_xy
 
         found = self.walls.contains(points)
-        for one, there in [
-            (self.inlet, points[:, 2] >= self.inlet.z),
-            *((outlet.opening, points[:, 2] <= outlet.opening.z) for outlet in self.outlets),
-        ]:
-            which = np.flatnonzero(there)
-            found[which] |= contains_xy(Polygon(one.border), points[which, 0], points[which, 1])
+        above = np.flatnonzero(points[:, 2] >= self.inlet.z)
+        found[above] |= contains_xy(Polygon(self.inlet.border), points[above, 0], points[above, 1])
+        return found | (self.left_by(points) >= 0)
+
+    def left_by(self, points: Array) -> NDArray[np.int64]:
+        """(n,) number of the outlet beyond which points (n, 3) lie; −1 where beyond none."""
+        found = np.full(len(points), -1)
+        for number, one in enumerate(self.outlets):
+            found[one.spout.within(points)] = number
         return found
 
-    def beneath(self, x: Array, y: Array) -> NDArray[np.int64]:
-        """Which outlet is nearest, seen from above, to points of any one shape [m]."""
-        return nearest_opening([one.opening for one in self.outlets], x, y)
+    def beyond(self, grid: Box) -> NDArray[np.int64]:
+        """(nz+2, ny+2, nx+2) number of the outlet beyond which a cell lies that touches its opening; −1 of all others.
+
+        Cells of the grid, and one more on every side.
+        """
+        found = np.full([n + 2 for n in grid.shape], -1)
+        edges = [np.r_[2 * one[0] - one[1], one, 2 * one[-1] - one[-2]] for one in grid.lines]
+        share = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+        for number, outlet in enumerate(self.outlets):
+            corners, near = outlet.opening.corners[:, ::-1], []
+            for line, low, high in zip(edges, corners.min(axis=0), corners.max(axis=0), strict=True):
+                size = line[1] - line[0]
+                first, last = np.searchsorted(line, [low - 1.5 * size, high + 1.5 * size])
+                near.append(slice(max(0, first - 1), min(len(line) - 1, last)))
+            sides = [
+                (line[at][:, None] + share * (line[1] - line[0])).ravel() for line, at in zip(edges, near, strict=True)
+            ]
+            z, y, x = np.meshgrid(*sides, indexing="ij")
+            within = outlet.spout.within(np.column_stack([x.ravel(), y.ravel(), z.ravel()])).reshape(z.shape)
+            shape = [n for at in near for n in (at.stop - at.start, _SAMPLES)]
+            found[tuple(near)][within.reshape(shape).any(axis=(1, 3, 5))] = number
+        return found
 
     def surface(self, top: float, bottom: float, most_rows: int = 100) -> Array:
         """(n, 3, 3) triangles of the walls, with straight ends up to `top` and down to `bottom` [m].
@@ -207,8 +262,9 @@ class SpaceVessel:
         ----------
         most_rows : of triangles in a straight end, of which there are as many as keep them from being thin
         """
-        ends = [(self.inlet, top), *((one.opening, bottom) for one in self.outlets)]
-        return np.concatenate([self.walls.surface, *(straight(opening, z, most_rows) for opening, z in ends)])
+        ends = [(self.inlet.corners, top), *((one.spout.ring, bottom) for one in self.outlets)]
+        spouts = [one.spout.surface for one in self.outlets]
+        return np.concatenate([self.walls.surface, *spouts, *(straight(ring, z, most_rows) for ring, z in ends)])
 
     def _passage(self, outlet: SpaceOutlet, cells: _Cells) -> float:
         """Diameter [m] of the largest sphere that may pass from the inlet to an outlet, at the most."""
@@ -216,12 +272,14 @@ class SpaceVessel:
         if outlet.gap < LEAST_CELLS * cells.size:
             return outlet.gap
         level = np.arange(grid.shape[0])[:, None, None]
-        end = _within(grid, outlet.opening.border)[None] & (level < 2) & inside
+        if self.at_bottom:
+            end = _within(grid, outlet.opening.border)[None] & (level < 2) & inside
+        else:
+            end = outlet.spout.within(grid_points(grid)).reshape(grid.shape) & inside
         start = inside & (level >= grid.shape[0] - 2)
         low, high = 0.0, 0.5 * outlet.gap
         if not _joined(inside, start, end):
-            place = "({:.4g}, {:.4g}) m".format(*outlet.opening.centre)
-            raise CaseError(f"no way leads from the inlet to the outlet at {place}", outlet.key)
+            raise CaseError(f"no way leads from the inlet to the outlet at {_at(outlet.opening)}", outlet.key)
         while high - low > 0.1 * cells.size:
             middle = 0.5 * (low + high)
             joined = _joined(cells.distance + _OFF * cells.size >= middle, start, end)
@@ -236,7 +294,7 @@ class SpaceVessel:
 
         Parameters
         ----------
-        top, bottom : height range [m]
+        top, bottom : height range [m]; in the tube of an outlet that rises above the lowest, so much less far down
         margin : distance of centres from the walls [m]
         cell : edge of the cells, at the least [m]
         height : of what is filled as one, at most [m]
@@ -248,6 +306,10 @@ class SpaceVessel:
         while True:
             cells = self._cells(top, bottom, cell)
             free = cells.distance >= margin + (_OFF + 0.5 * math.sqrt(3)) * cells.size
+            if not self.at_bottom:
+                points = grid_points(cells.grid)
+                tube, floor = self.left_by(points), bottom + np.append(self.rises, 0.0)
+                free &= ~((tube >= 0) & (points[:, 2] - 0.5 * cells.size < floor[tube])).reshape(free.shape)
             layers = [_rectangles(layer) for layer in _reached(free)]
             if max(map(len, layers), default=0) <= MOST_BLOCKS:
                 break
@@ -256,14 +318,15 @@ class SpaceVessel:
 
     def _cells(self, top: float, bottom: float, cell: float) -> _Cells:
         """The vessel between two heights in cells of about a size, or larger ones [m]."""
-        (x0, x1), (y0, y1), _ = self.walls.ends.tolist()
+        surface = self.surface(top + cell, bottom - cell, 1)
+        x0, y0, _ = surface.min(axis=(0, 1)).tolist()
+        x1, y1, _ = surface.max(axis=(0, 1)).tolist()
         cell = max(cell, ((x1 - x0) * (y1 - y0) * (top - bottom) / MOST_CELLS) ** (1 / 3))
         grid = Box.within((x0, x1), (y0, y1), (bottom, top), cell, flat=False, cut=True)
-        edges = grid.z_edges, grid.y_edges, grid.r_edges
+        edges = grid.lines
         steps = [float(one[1] - one[0]) for one in edges]
-        z, y, x = np.meshgrid(*map(_middles, edges), indexing="ij")
-        free = self.contains(np.column_stack([x.ravel(), y.ravel(), z.ravel()])).reshape(grid.shape)
-        walls = sampled(self.surface(top + cell, bottom - cell, 1), 0.25 * min(steps))
+        free = self.contains(grid_points(grid)).reshape(grid.shape)
+        walls = sampled(surface, 0.25 * min(steps))
         place = [np.searchsorted(one, at) - 1 for one, at in zip(edges, walls.T[::-1], strict=True)]
         there = (place[0] >= 0) & (place[0] < grid.shape[0])
         free[tuple(np.clip(at, 0, size - 1)[there] for at, size in zip(place, grid.shape, strict=True))] = False
@@ -285,14 +348,35 @@ class SpaceVessel:
                 place = ", ".join(f"{one:.4g}" for one in corners[int(np.argmin(inside))])
                 raise CaseError(f"the walls are not one piece: a second one reaches outside at ({place}) m", FILE)
 
+    def _check_spouts(self) -> None:
+        """CaseError unless what lies beyond each outlet is clear of the walls and of what lies beyond the others."""
+        from shapely import Polygon
 
-def straight(opening: WallOpening, z: float, most_rows: int) -> Array:
-    """(n, 3, 3) triangles of the upright wall from an opening to a height [m]."""
-    corners = opening.corners
+        size = float(np.ptp(self.walls.ends, axis=1).max())
+        walls = sampled(self.walls.surface, 0.01 * size)
+        for number, one in enumerate(self.outlets):
+            clear = 1e-3 * math.sqrt(one.opening.area)
+            off = walls - clear * one.opening.normal  # walls that end at the opening are not in its way
+            met = off[one.spout.within(off)]
+            if len(met):
+                raise CaseError(
+                    f"the tube that leads down from it would meet the walls at {_place(met[0])}; move it, or draw a "
+                    "pipe that leads away from them",
+                    one.key,
+                )
+            for other in self.outlets[:number]:
+                both = Polygon(one.spout.border).intersection(Polygon(other.spout.border)).area
+                if both > 1e-6 * one.spout.area or other.spout.within(_corners(one.spout.surface)).any():
+                    raise CaseError(f"the tubes below it and below {other.name} would meet; move one of them", one.key)
+
+
+def straight(corners: Array, z: float, most_rows: int) -> Array:
+    """(n, 3, 3) triangles of the upright wall from a ring (m, 3) to a height [m]."""
     widths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    rows = int(np.clip(math.ceil(abs(z - opening.z) / (10 * widths.min())), 1, most_rows))
+    rows = int(np.clip(math.ceil(np.abs(z - corners[:, 2]).max() / (10 * widths.min())), 1, most_rows))
     rings = np.repeat(corners[None], rows + 1, axis=0)
-    rings[1:, :, 2] = np.linspace(opening.z, z, rows + 1)[1:, None]
+    part = (np.arange(1, rows + 1) / rows)[:, None]
+    rings[1:, :, 2] = (1 - part) * corners[:, 2] + part * z
     a, b = rings[:-1], rings[1:]
     following_a, following_b = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
     halves = (np.stack([a, following_a, following_b], axis=2), np.stack([a, following_b, b], axis=2))
@@ -336,25 +420,22 @@ class _Cells:
 
 def _named(walls: WallMesh, outlets: Mapping[str, OutletSpec], unit: float) -> Sequence[SpaceOutlet]:
     """The outlets with their names and shares, each opening once."""
-    from shapely import Point, Polygon, distance
-
     openings = walls.outlets
-    places = ", ".join("({:.4g}, {:.4g}) m".format(*one.centre) for one in openings)
+    places = ", ".join(map(_at, openings))
     if not outlets:
         if len(openings) > 1:
-            raise CaseError(f"missing; there are {len(openings)} openings at the bottom, at {places}", OUTLETS)
+            raise CaseError(f"missing; there are {len(openings)} openings below the top, at {places}", OUTLETS)
         return [SpaceOutlet.of("outlet", openings[0], 1.0, FILE)]
     size = float(np.ptp(walls.ends, axis=1).max())
     found: dict[int, SpaceOutlet] = {}
     for name, spec in outlets.items():
-        x, y, z = (unit * one for one in spec.at)
-        away = [math.hypot(distance(Polygon(one.border), Point(x, y)), z - one.z) for one in openings]
+        away = [_away(one, unit * np.array(spec.at)) for one in openings]
         nearest = int(np.argmin(away))
         key = (*OUTLETS, name, "at")
         if away[nearest] > _SAME * size:
             raise CaseError(
-                f"lies {away[nearest]:.3g} m from the nearest opening at the bottom; these are at {places}, "
-                f"z = {openings[nearest].z:.4g} m (in metres here)",
+                f"lies {away[nearest]:.3g} m from the nearest opening below the top; these are at {places} "
+                "(in metres here)",
                 key,
             )
         if nearest in found:
@@ -362,8 +443,43 @@ def _named(walls: WallMesh, outlets: Mapping[str, OutletSpec], unit: float) -> S
         found[nearest] = SpaceOutlet.of(name, openings[nearest], spec.share, key)
     for k, one in enumerate(openings):
         if k not in found:
-            raise CaseError("no outlet is named for the opening at ({:.4g}, {:.4g}) m".format(*one.centre), OUTLETS)
+            raise CaseError(f"no outlet is named for the opening at {_at(one)}", OUTLETS)
     return [found[k] for k in sorted(found)]
+
+
+def _away(opening: WallOpening, point: Array) -> float:
+    """Distance of a point from an opening [m]."""
+    from shapely import Point, Polygon, distance
+
+    across = float((point - opening.corners.mean(axis=0)) @ opening.normal)
+    place = point @ opening.plane
+    return math.hypot(float(distance(Polygon(opening.outline), Point(place))), across)
+
+
+def _at(opening: WallOpening) -> str:
+    return "({:.4g}, {:.4g}, {:.4g}) m".format(*opening.centre, round(opening.z, 9) + 0.0)
+
+
+def _place(point: Array) -> str:
+    return "({:.4g}, {:.4g}, {:.4g}) m".format(*point)
+
+
+def _corners(triangles: Array) -> Array:
+    return triangles.reshape(-1, 3)
+
+
+def _inscribed(corners: Array) -> float:
+    """Diameter [m] of the largest circle in a polygon (n, 2)."""
+    from shapely import Polygon, maximum_inscribed_circle
+
+    border = Polygon(corners)
+    return 2 * float(maximum_inscribed_circle(border, 1e-3 * math.sqrt(border.area)).length)
+
+
+def grid_points(grid: Box) -> Array:
+    """(cells, 3) middles of the cells of a grid [m]."""
+    z, y, x = np.meshgrid(*map(_middles, grid.lines), indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
 
 
 def _middles(edges: Array) -> Array:

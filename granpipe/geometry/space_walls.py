@@ -33,13 +33,13 @@ def build_space_walls(
 ) -> Walls:
     """Write the STL files into the folder.
 
-    The walls go on upright above the inlet up to `top` and below each outlet down to `bottom`. Triangles that are too
-    thin for LIGGGHTS are made anew, with the others.
+    The walls go on upright above the inlet up to `top` and below each outlet's spout down to `bottom`. Triangles that
+    are too thin for LIGGGHTS are made anew, with the others.
 
     Parameters
     ----------
     top, bottom : upper and lower end of the wall mesh [m]
-    plate_z : height of the flat plate below each outlet [m]
+    plate_z : height of the flat plate below an outlet at the lowest point [m]; of others as much higher as they are
     particle_diameter : what the size of new triangles goes by [m]
 
     Raises
@@ -50,8 +50,8 @@ def build_space_walls(
     if triangle_angles(surface).min() < SMALLEST_ANGLE:
         surface = _anew(vessel.surface(top, bottom, 1), _SIZE * particle_diameter, folder / "given.stl")
     meshes = {"vessel": surface}
-    for outlet in vessel.outlets:
-        meshes[plate_name(vessel, outlet)] = _plate(outlet.opening.border, plate_z)
+    for outlet, rise in zip(vessel.outlets, vessel.rises, strict=True):
+        meshes[plate_name(vessel, outlet)] = _plate(outlet.spout.border, plate_z + rise)
     files = {name: folder / f"{name}.stl" for name in meshes}
     for name, mesh in meshes.items():
         write_stl(mesh, files[name])

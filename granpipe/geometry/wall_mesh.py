@@ -16,7 +16,7 @@ from granpipe.field import Array, Box, Mask
 MOST_TRIANGLES = 500_000
 
 LEVEL = 1e-3
-"""Of the vessel's height: an opening is level, and at its top or bottom, to this part."""
+"""Of the vessel's height: an opening is flat, and level, to this part."""
 
 _MERGED = 1e-6  # of the vessel's size: corners that are nearer than this are one; STL holds single precision
 _RAYS = 4  # along each side of a cell
@@ -31,19 +31,34 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class WallOpening:
-    """A level hole in the walls.
+    """A flat hole in the walls.
 
     Parameters
     ----------
     corners : (n, 3) of its edge, in order [m]
+    normal : (3,) unit vector across it, out of the vessel
     """
 
     corners: Array
+    normal: Array
 
     @property
     def z(self) -> float:
-        """Its height [m]."""
+        """Its height, in the middle [m]."""
         return float(self.corners[:, 2].mean())
+
+    @property
+    def plane(self) -> Array:
+        """(3, 2) two unit vectors in it; along x and y where it is level."""
+        if abs(self.normal[2]) > 1 - LEVEL**2:
+            return np.eye(3)[:, :2]
+        along = np.array([-self.normal[1], self.normal[0], 0.0]) / math.hypot(*self.normal[:2])
+        return np.column_stack([along, np.cross(self.normal, along)])
+
+    @property
+    def outline(self) -> Array:
+        """(n, 2) corners of its edge as seen straight on [m]."""
+        return np.asarray(self.corners @ self.plane)
 
     @property
     def border(self) -> Array:
@@ -53,25 +68,25 @@ class WallOpening:
     @property
     def area(self) -> float:
         """[m²]"""
-        x, y = self.border.T
+        x, y = self.outline.T
         return float(0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Mean of the corners [m], to a millionth of the opening."""
-        digits = 6 - math.floor(math.log10(np.ptp(self.border, axis=0).max()))
+        """Mean of the corners in x and y [m], to a millionth of the opening."""
+        digits = 6 - math.floor(math.log10(np.ptp(self.corners, axis=0).max()))
         x, y = self.border.mean(axis=0)
         return round(float(x), digits) + 0.0, round(float(y), digits) + 0.0  # no −0
 
 
 @dataclass(frozen=True, eq=False)
 class WallMesh:
-    """Triangles that enclose the solids, but for level openings at the top and the bottom.
+    """Triangles that enclose the solids, but for flat openings.
 
     Parameters
     ----------
     triangles : (n, 3, 3) corners, those that close the openings included [m]
-    inlets, outlets : openings at the top and at the bottom
+    inlets, outlets : level openings at the top, and all others
     walls : how many of the triangles are walls; the others, after them, close the openings
     parts : (walls,) which piece of the walls each of them is of, counted from 0, those with openings first
     opened : how many pieces have openings
@@ -95,7 +110,7 @@ class WallMesh:
 
         Raises
         ------
-        DataError : they are no closed walls with level openings at the top and the bottom
+        DataError : they are no closed walls with flat openings, of which one at least is a level one at the top
         """
         if len(triangles) > MOST_TRIANGLES:
             raise DataError(f"{len(triangles)} triangles are more than {MOST_TRIANGLES}; make the mesh coarser")
@@ -103,29 +118,28 @@ class WallMesh:
         points, triangles = _merged(points, triangles, _MERGED * size)
         loops = list(_loops(points, _border(points, triangles)))
         low, high = float(points[:, 2].min()), float(points[:, 2].max())
-        found: dict[str, list[WallOpening]] = {"top": [], "bottom": []}
-        caps = []
+        if not loops:
+            raise DataError("no opening at all: the walls must leave the inlet open, at the top, and the outlets")
+        openings, caps = [], []
         for loop in loops:
             corners = points[loop]
-            z, where = float(corners[:, 2].mean()), _place(corners.mean(axis=0))
-            if np.ptp(corners[:, 2]) > LEVEL * (high - low):
-                raise DataError(f"the opening at {where} is not level: close it, or cut it level")
-            near = {"top": high - z, "bottom": z - low}
-            end = min(near, key=lambda one: near[one])
-            if near[end] > LEVEL * (high - low):
-                raise DataError(
-                    f"the opening at {where} lies between bottom, z = {low:.4g} m, and top, "
-                    f"{high:.4g} m: only openings at the ends are computed; close it"
-                )
-            found[end].append(WallOpening(corners))
-            middle = np.broadcast_to(corners.mean(axis=0), corners.shape)
-            caps.append(np.stack([corners, np.roll(corners, -1, axis=0), middle], axis=1))
-        for end, what in (("top", "inlet"), ("bottom", "outlet")):
-            if not found[end]:
-                raise DataError(f"no opening at the {end}: the walls must leave the {what} open")
+            middle, normal = corners.mean(axis=0), _normal(corners)
+            if np.ptp((corners - middle) @ normal) > LEVEL * (high - low):
+                raise DataError(f"the opening at {_place(middle)} is not flat: close it, or cut it flat")
+            openings.append(WallOpening(corners, normal))
+            caps.append(
+                np.stack([corners, np.roll(corners, -1, axis=0), np.broadcast_to(middle, corners.shape)], axis=1)
+            )
         parts, opened = _parts(triangles, loops)
         closed = np.concatenate([points[triangles], *caps])
-        return cls(closed, tuple(found["top"]), tuple(found["bottom"]), len(triangles), parts, opened)
+        turned = _outwards(cls(closed, (), (), len(triangles), parts, opened), openings)
+        inlets = tuple(one for one in turned if high - one.z <= LEVEL * (high - low) and one.normal[2] > 1 - LEVEL)
+        outlets = tuple(one for one in turned if not any(one is other for other in inlets))
+        if not inlets:
+            raise DataError("no level opening at the top: the walls must leave the inlet open")
+        if not outlets:
+            raise DataError("no opening below the top: the walls must leave the outlet open")
+        return cls(closed, inlets, outlets, len(triangles), parts, opened)
 
     @property
     def surface(self) -> Array:
@@ -225,6 +239,33 @@ class _Columns:
         start, length = self.first[column], self.first[column + 1] - self.first[column]
         number = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
         return self.members[np.repeat(start, length) + number], np.repeat(there, length)
+
+
+def _normal(corners: Array) -> Array:
+    """(3,) unit normal of a polygon (n, 3), by Newell's sums; its sense is that of the corners."""
+    own = corners - corners.mean(axis=0)
+    total = np.cross(own, np.roll(own, -1, axis=0)).sum(axis=0)
+    length = float(np.linalg.norm(total))
+    if not length > 0:
+        raise DataError(f"the opening at {_place(corners.mean(axis=0))} has no area: close it")
+    unit = total / length
+    return np.asarray(np.round(unit) + 0.0 if np.abs(unit).max() > 1 - 1e-12 else unit)
+
+
+def _outwards(walls: WallMesh, openings: Sequence[WallOpening]) -> list[WallOpening]:
+    """Openings whose normals lead out of closed walls."""
+    from shapely import Polygon
+
+    found = []
+    for one in openings:
+        middle, place = one.corners.mean(axis=0), Polygon(one.outline).representative_point()
+        inside = middle + one.plane @ (np.array([place.x, place.y]) - middle @ one.plane)  # surely within its edge
+        step = 1e-3 * math.sqrt(one.area) * one.normal
+        ahead, behind = walls.contains(np.array([inside + step, inside - step]))
+        if ahead == behind:
+            raise DataError(f"it is not clear what is inside at the opening at {_place(middle)}: the walls cross there")
+        found.append(WallOpening(one.corners, -one.normal + 0.0) if ahead else one)
+    return found
 
 
 def nearest_opening(openings: Sequence[WallOpening], x: Array, y: Array) -> Index:

@@ -41,7 +41,12 @@ class Plug:
 
 
 def measure_plug(
-    sums: Sums, inside_fraction: Array, z_range: tuple[float, float], diameter: float, packing: float | None = None
+    sums: Sums,
+    inside_fraction: Array,
+    z_range: tuple[float, float],
+    diameter: float,
+    packing: float | None = None,
+    left: Array | float = 0.0,
 ) -> Plug:
     """Measure the plug in the rows wholly inside `z_range`.
 
@@ -53,13 +58,14 @@ def measure_plug(
     diameter : particle diameter [m]: the layer of this thickness along walls is left out of the packing (its order
         lowers the mean), but not of the flow
     packing : φ_ref where the case gives it; the flow is measured all the same
+    left : (nz+1,) solids that have left above each level, through outlets that lie higher [m³/s]
 
     Raises
     ------
     DataError : no row lies between the levels, or nothing flows down there
     """
     rows = _rows(sums.grid, z_range)
-    flows = level_flow(sums.mean_flux[1], sums.grid)[plug_levels(sums.grid, z_range)]
+    flows = (level_flow(sums.mean_flux[1], sums.grid) + left)[plug_levels(sums.grid, z_range)]
     flow = float(flows.mean())
     if flow <= 0:
         raise DataError(f"no downward flow in the plug, z = {z_range[0]:g} … {z_range[1]:g} m: {flow:g} m³/s")

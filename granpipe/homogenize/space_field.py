@@ -21,6 +21,7 @@ from granpipe.field import Array, Box, Field, Mask, level_flow, section_rows
 from granpipe.homogenize.assemble import raw_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug
+from granpipe.homogenize.space_outlets import Faces, OutletCells, OutletFaces, face_areas, fluxes, left_above
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, local_errors, standard_error
 
 BLOCKS = 2 * LEAST_BLOCKS
@@ -34,9 +35,6 @@ _MOST_SOLVES, _MOST_STEPS = 6, 200
 _DIRECT = 500  # cells of the coarsest grid
 _LEAST_VARIANCE = 0.01  # of the mean
 
-Faces = tuple[Array, Array, Array]
-"""Values on the faces across x (nz, ny, nx+1), y (nz, ny+1, nx) and z (nz+1, ny, nx)."""
-
 
 @dataclass(frozen=True)
 class SpaceFitted:
@@ -45,7 +43,7 @@ class SpaceFitted:
     field : the field
     blocks : how many blocks of segments the standard errors rest on; none are given below 7
     change : of the average by conserving, beyond noise, relative
-    out : (1 + blocks, ny, nx) solids that leave through the lowest faces, of the whole and of each block [m³/s]
+    out : (1 + blocks, outlets) solids that leave through each outlet, of the whole and of each block [m³/s]
     """
 
     field: Field
@@ -60,7 +58,7 @@ def space_field(
     plug: Plug,
     diameter: float,
     flow_scale: float = 1.0,
-    leaving: Sequence[tuple[Mask, float]] = (),
+    outlets: OutletCells | None = None,
     most_blocks: int = BLOCKS,
 ) -> SpaceFitted:
     """Make the average of some segments conserve, and that of each block of them for the standard error.
@@ -72,7 +70,8 @@ def space_field(
     plug : packing and flow in the plug
     diameter : particle diameter [m]
     flow_scale : flow of the case over that of the simulation
-    leaving : lowest faces (ny, nx) of each outlet, and its part of the flow, where these are known
+    outlets : cells beyond each outlet, and its part of the flow where that is known; without them solids leave
+        through all lowest faces
     most_blocks : that the standard errors rest on
 
     Raises
@@ -87,36 +86,40 @@ def space_field(
     assert isinstance(grid, Box)
     raw = raw_field(sums, inside_fraction, plug, diameter, flow_scale)
     independent = blocks(segments, min(len(segments), most_blocks))
-    each, run = [_fluxes(block) for block in independent], np.array([block.run for block in independent])
-    faces = _flowing(raw.bulk)
-    area = _areas(grid)
+    each, run = [fluxes(block) for block in independent], np.array([block.run for block in independent])
+    leaving = [] if outlets is None else outlets.faces(raw.bulk)
+    faces = _flowing(raw.bulk, leaving)
+    area = face_areas(grid)
 
     def errors_of(fluxes: Sequence[Faces]) -> list[Array]:
         return [local_errors(np.array(one), run, grid, diameter) for one in zip(*fluxes, strict=True)]
 
     errors = errors_of(each)
     variance = _variances([(a * se) ** 2 for a, se in zip(area, errors, strict=True)], faces, grid, diameter)
-    projection = Projection(raw.bulk, faces, variance, [mask for mask, _ in leaving])
-    asked = [share * plug.solids_flow for _, share in leaving]
+    given = [one for one in leaving if one.share is not None]
+    projection = Projection(raw.bulk, faces, variance, given)
+    asked = [one.share * plug.solids_flow for one in given if one.share is not None]
+
+    def flow_of(flux: Faces) -> Faces:
+        return flux[0] * area[0], flux[1] * area[1], flux[2] * area[2]
 
     def conserving(flux: Faces) -> Faces:
-        flow = flux[0] * area[0], flux[1] * area[1], flux[2] * area[2]
-        x, y, z = projection.of(flow, plug.solids_flow, asked)
+        x, y, z = projection.of(flow_of(flux), plug.solids_flow, asked)
         return x / area[0], y / area[1], z / area[2]
 
-    flux_r, flux_y, flux_z = conserving(_fluxes(sums))
-    flow = float(level_flow(flux_z, grid).mean())
+    flux_r, flux_y, flux_z = final = conserving(fluxes(sums))
+    flow = float((level_flow(flux_z, grid) + left_above(leaving, flow_of(final))).mean())
     if not flow > 0:
         raise DataError(f"nothing flows down through the vessel: {flow:.3g} m³/s of solids on average")
-    change = _change((flux_r, flux_y, flux_z), sums, independent, raw.bulk, diameter)
+    change = _change(final, sums, independent, raw.bulk, diameter, leaving)
     field = replace(
         raw, flux_r=flux_r, flux_y=flux_y, flux_z=flux_z, bulk_flow=flow / plug.packing,
         flow_scale=flow_scale * plug.solids_flow / flow,
     )  # fmt: skip
-    out = [-flux_z[0] * area[2]]
+    out = [[one.out(flow_of(final)) for one in leaving]]
     if len(segments) >= LEAST_BLOCKS:
         fitted = [conserving(one) for one in each]
-        out += [-one[2][0] * area[2] for one in fitted]
+        out += [[one.out(flow_of(block)) for one in leaving] for block in fitted]
         x, y, z = errors_of(fitted)
         field = replace(field, flux_r_se=x, flux_y_se=y, flux_z_se=z, raw_flux_r_se=errors[0], raw_flux_z_se=errors[2])
     return SpaceFitted(field, len(each), change, np.array(out))
@@ -147,19 +150,22 @@ class Projection:
     cells : (nz, ny, nx) that solids flow or rest in
     faces : that may carry flow
     variance : of the flow through each [m⁶/s²]
-    outlets : (ny, nx) lowest faces of each outlet whose flow is given, and nothing else leaves there
+    outlets : those whose flow is given, and nothing else leaves there
     """
 
-    def __init__(self, cells: Mask, faces: Sequence[Mask], variance: Faces, outlets: Sequence[Mask] = ()) -> None:
+    def __init__(
+        self, cells: Mask, faces: Sequence[Mask], variance: Faces, outlets: Sequence[OutletFaces] = ()
+    ) -> None:
         import pyamg
 
         self._faces = faces
         number = np.full(cells.shape, -1)
         number[cells] = np.arange(cells.sum())
-        columns, signs, rows, count = [], [], [], 0
+        columns, signs, rows, places, count = [], [], [], [], 0
         for axis, face in zip((2, 1, 0), faces, strict=True):
             place = np.full(face.shape, -1)
             place[face] = count + np.arange(face.sum())
+            places.append(place)
             count += int(face.sum())
             ends = [np.delete(place, end, axis) for end in (-1, 0)]  # faces before and after each cell
             for sign, end in zip((-1.0, 1.0), ends, strict=True):
@@ -168,11 +174,12 @@ class Projection:
                 columns.append(end[here])
                 signs.append(np.full(here.sum(), sign))
         size = int(cells.sum())
-        for row, mask in enumerate(outlets, start=size):  # what is below an outlet takes in a flow, as a cell does
-            through = place[0][mask & faces[2][0]]
-            rows.append(np.full(len(through), row))
-            columns.append(through)
-            signs.append(np.ones(len(through)))
+        for row, outlet in enumerate(outlets, start=size):  # what is beyond an outlet takes in a flow, as a cell does
+            for place, face, outwards in zip(places, faces, outlet.signs, strict=True):
+                through = face & (outwards != 0)
+                rows.append(np.full(through.sum(), row))
+                columns.append(place[through])
+                signs.append(-1.0 * outwards[through])
         entries = (np.concatenate(signs), (np.concatenate(rows), np.concatenate(columns)))
         self._outlets = len(outlets)
         self._out = sparse.csr_matrix(entries, (size + len(outlets), count))  # flow out of each cell
@@ -187,7 +194,7 @@ class Projection:
         Parameters
         ----------
         whole : the flow through the vessel [m³/s]
-        leaving : what leaves through each of the outlets, downwards [m³/s]
+        leaving : what leaves through each of the outlets [m³/s]
 
         Raises
         ------
@@ -217,14 +224,29 @@ class Projection:
         return found[0], found[1], found[2]
 
 
-def _change(final: Faces, sums: Sums, independent: Sequence[Sums], bulk: Mask, diameter: float) -> float:
+def _change(
+    final: Faces,
+    sums: Sums,
+    independent: Sequence[Sums],
+    bulk: Mask,
+    diameter: float,
+    outlets: Sequence[OutletFaces],
+) -> float:
     """Relative difference of a field from its raw average, beyond noise, in what is larger than a particle.
 
     √(max(0, E² − Σ SE² / Σ F²)), as `granpipe.pipeline.averages.smoothing_change`: each level of the raw average is
-    scaled to the field's own flow, and both are seen through a Gaussian of half a particle diameter.
+    scaled to the field's own flow, with what has left above it, and both are seen through a Gaussian of half a particle
+    diameter.
     """
     grid, reach = sums.grid, 0.5 * diameter / sums.grid.cell
-    carried, own = (level_flow(flux, grid) for flux in (final[2], sums.mean_flux[1]))
+    assert isinstance(grid, Box)
+    area = face_areas(grid)
+
+    def through(flux: Faces) -> Array:
+        flow = flux[0] * area[0], flux[1] * area[1], flux[2] * area[2]
+        return level_flow(flux[2], grid) + left_above(outlets, flow)
+
+    carried, own = through(final), through(fluxes(sums))
     scale = np.divide(carried, own, out=np.ones_like(own), where=own > 0)[:, None, None]
     middle = 0.5 * (scale[1:] + scale[:-1])
 
@@ -237,28 +259,22 @@ def _change(final: Faces, sums: Sums, independent: Sequence[Sums], bulk: Mask, d
         return flux[0] * middle, flux[1] * middle, flux[2] * scale
 
     fitted = seen(final)
-    change = float(((fitted - seen(scaled(_fluxes(sums)))) ** 2).sum())
-    noise = float((standard_error(np.array([seen(_fluxes(one)) for one in independent])) ** 2).sum())
+    change = float(((fitted - seen(scaled(fluxes(sums)))) ** 2).sum())
+    noise = float((standard_error(np.array([seen(fluxes(one)) for one in independent])) ** 2).sum())
     return float(np.sqrt(max(0.0, change - noise) / max(1e-300, float((fitted**2).sum()))))
 
 
-def _fluxes(sums: Sums) -> Faces:
-    along_y = sums.mean_flux_y
-    assert along_y is not None  # of a grid in space
-    return sums.mean_flux[0], along_y, sums.mean_flux[1]
-
-
-def _areas(grid: Box) -> tuple[float, float, float]:
-    return float(grid.side_area[0]), grid.front_area, float(grid.ring_area[0])
-
-
-def _flowing(bulk: Mask) -> list[Mask]:
-    """Faces between two cells of solids, and at the lower and upper end of the grid."""
+def _flowing(bulk: Mask, outlets: Sequence[OutletFaces]) -> list[Mask]:
+    """Faces between two cells of solids, at the upper end of the grid, and of outlets or at its lower end."""
     found = []
     for axis in (2, 1, 0):
         width = [(1, 1) if one == axis else (0, 0) for one in range(3)]
         padded = np.pad(bulk, width, mode="edge" if axis == 0 else "constant")
         found.append(np.delete(padded, -1, axis) & np.delete(padded, 0, axis))
+    if outlets:
+        found[2][0] = False
+    for outlet in outlets:
+        found = [face | mask for face, mask in zip(found, outlet.masks, strict=True)]
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from granpipe.case.schema import Case
 from granpipe.errors import DataError
-from granpipe.field import Array, Field, Grid, cell_squares, level_flow, section_rows
+from granpipe.field import Array, Box, Field, Grid, cell_squares, level_flow, section_rows
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import gaussian_field
 from granpipe.homogenize.average import Sums, merge
@@ -18,6 +18,7 @@ from granpipe.homogenize.conserve import Plug, bed_packing, measure_plug
 from granpipe.homogenize.drawn_walls import share_in_solid, within_drawn
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.homogenize.smooth import flowing_faces, smooth
+from granpipe.homogenize.space_outlets import OutletCells, within_vessel
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, onset, standard_error
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
@@ -33,11 +34,15 @@ DILATED_DIAMETERS = 1.0
 
 @dataclass(frozen=True)
 class AveragedField:
-    """A field made to conserve, the plug that it was measured by, and figures of the method."""
+    """A field made to conserve, the plug that it was measured by, and figures of the method.
+
+    `left` is what has left above each level (nz+1,), in the plain average, through outlets that lie higher [m³/s].
+    """
 
     field: Field
     plug: Plug
     figures: dict[str, Any]
+    left: Array | float = 0.0
 
 
 def averaged_field(case: Case, outline: Outline, segments: Sequence[Sums], diameter: float) -> AveragedField:
@@ -103,16 +108,26 @@ def smoothing_change(field: Field, segments: Sequence[Sums], diameter: float) ->
 
 
 def steady_segments(segments: Sequence[Sums], plan: Plan) -> list[Sums]:
-    """The segments of each run after the transient, in the vessel as drawn.
+    """The segments of each run after the transient, in the vessel as drawn, without what lies beyond its outlets.
 
     Raises
     ------
     DataError : no segment begins after the start that the case gives
     """
+    if plan.space is not None and not plan.space.at_bottom:
+        assert isinstance(plan.grid, Box)
+        segments = within_vessel(segments, plan.space.inside_fraction(plan.grid), outlet_cells(plan))
     steady = after_transient(segments, plan)
     if plan.set_back is None:
         return steady
     return within_drawn(steady, plan.grid, plan.outline.inside_fraction(plan.grid))
+
+
+def outlet_cells(plan: Plan) -> OutletCells:
+    """The cells beyond the outlets of a vessel in space, with their shares."""
+    assert plan.space is not None
+    assert isinstance(plan.grid, Box)
+    return OutletCells(plan.space.beyond(plan.grid), tuple(one.share for one in plan.space.outlets))
 
 
 def in_solid(segments: Sequence[Sums], plan: Plan) -> float:

@@ -81,7 +81,7 @@ def average_gates(case: Case, averaged: AveragedField, steady: Sums) -> list[Gat
     field, plug, target = averaged.field, averaged.plug, case.dem.statistical_error
     assert field.raw_flux_z is not None
     gates = level_flow_gates(
-        level_flow(field.raw_flux_z, field.grid),
+        level_flow(field.raw_flux_z, field.grid) + averaged.left,
         gathered_flow(steady, plug.z_range),
         plug.solids_flow,
         steady.duration,

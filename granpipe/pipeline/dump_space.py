@@ -16,10 +16,11 @@ from granpipe.field import Array, Box, Mask, level_flow
 from granpipe.geometry.in_space import inside_space
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
-from granpipe.geometry.wall_mesh import WallMesh, WallOpening
+from granpipe.geometry.wall_mesh import LEVEL, WallMesh, WallOpening, nearest_opening
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug, bed_packing, gathered_flow
 from granpipe.homogenize.space_field import space_errors, space_field
+from granpipe.homogenize.space_outlets import OutletCells
 from granpipe.pipeline.averages import reference_plug
 from granpipe.pipeline.dump_average import Homogenized, inside_outline, most_segments, summed_dumps, told_of
 from granpipe.pipeline.dump_checks import (
@@ -51,7 +52,7 @@ class _Vessel:
     scale : flow rate of the process over that of the dumps, from the plug
     levels : section → upper and lower level [m]
     named : what gives its walls, in words
-    outlets : openings whose part of the flow is told
+    outlets : openings at the bottom, whose part of the flow is told
     """
 
     grid: Box
@@ -155,9 +156,18 @@ def read_walls(paths: Sequence[Path], unit: float) -> WallMesh:
         triangles.append(corners + count)
         count += len(own)
     try:
-        return WallMesh.of(np.concatenate(points), np.concatenate(triangles))
+        walls = WallMesh.of(np.concatenate(points), np.concatenate(triangles))
     except DataError as error:
         raise DataError(f"{', '.join(map(str, paths))}: {error}") from None
+    low, high = walls.ends[2].tolist()
+    for one in walls.outlets:
+        if one.z - low > LEVEL * (high - low):
+            x, y = one.centre
+            raise DataError(
+                f"{', '.join(map(str, paths))}: the opening at ({x:.4g}, {y:.4g}, {one.z:.4g}) m lies between bottom, "
+                f"z = {low:.4g} m, and top, {high:.4g} m: of dumps only openings at the ends are known; close it"
+            )
+    return walls
 
 
 def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
@@ -168,7 +178,8 @@ def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
     sums = merge(segments)
     densest = check_packing(sums, inside, found.diameter)
     plug = vessel.plug(sums, found.diameter)
-    fitted = space_field(segments, inside, plug, found.diameter, vessel.scale(plug))
+    cells = _outlet_cells(vessel.outlets, grid) if vessel.outlets else None
+    fitted = space_field(segments, inside, plug, found.diameter, vessel.scale(plug), cells)
     field, gathered = fitted.field, gathered_flow(sums, plug.z_range)
     figures: dict[str, Any] = {"largest_packing": densest, "solids_outside_the_walls": outside}
     figures |= {"blocks": fitted.blocks, "conserving_changes": fitted.change}
@@ -176,7 +187,7 @@ def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
         figures["statistical_error"] = space_errors(field, vessel.levels)
     notes: list[str] = []
     if vessel.outlets:
-        figures["outlets"] = outlets = outlet_flows(vessel.outlets, grid, fitted.out)
+        figures["outlets"] = outlets = outlet_flows(vessel.outlets, fitted.out)
         notes += outlet_notes(outlets)
     gates = [
         *frame_marks,
@@ -189,6 +200,14 @@ def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
     ]
     told = told_of(field, "the nearest conserving flow", gates, found, collector, figures)
     return replace(told, notes=(*notes, *told.notes))
+
+
+def _outlet_cells(outlets: Sequence[WallOpening], grid: Box) -> OutletCells:
+    """Below the lowest cells the nearest outlet, as seen from above."""
+    number = np.full([n + 2 for n in grid.shape], -1)
+    middles = (0.5 * (edges[1:] + edges[:-1]) for edges in (grid.r_edges, grid.y_edges))
+    number[0, 1:-1, 1:-1] = nearest_opening(outlets, *np.meshgrid(*middles))
+    return OutletCells(number, (None,) * len(outlets))
 
 
 def _check_frame(frame: Frame, option: str) -> None:

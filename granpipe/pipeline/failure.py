@@ -102,7 +102,7 @@ class Story:
 def no_field(reason: str, plan: Plan, productions: Sequence[Production], segments: Sequence[Sums]) -> NoFieldError:
     """The error of a run whose segments give no field, for a reason that the averaging told."""
     one_run = _at_final_speed([sums for sums in segments if sums.run == segments[0].run], plan.dem)
-    levels = _levels(one_run, _plate_flow(plan))
+    levels = _levels(one_run, plan)
     cause, text = diagnose(one_run, levels, plan)
     return NoFieldError(reason, Story(plan, tuple(productions), reason, cause, text, levels))
 
@@ -113,7 +113,7 @@ def held_up(error: ArchError, plan: Plan, productions: Sequence[Production], seg
     by_run = groupby(segments, key=lambda sums: sums.run)
     runs = [_at_final_speed(list(run), plan.dem) for _, run in by_run]
     worst = min(runs, key=lambda run: float(np.mean(run[-1].level_flow[:, level])))
-    levels = _levels(worst, _plate_flow(plan))
+    levels = _levels(worst, plan)
     text = f"{error.remedy}; hardly any pass it since {_since(worst, level, levels):.3g} s"
     told = NoFieldError(error.seen, Story(plan, tuple(productions), error.seen, "arch", text, levels))
     told.evidence = error.evidence
@@ -205,14 +205,18 @@ def _plate_flow(plan: Plan) -> float:
     return PACKING * settings.inlet_speed * outline.inlet_area
 
 
-def _levels(segments: Sequence[Sums], flow: float) -> Levels:
-    whole, late = merge(segments), merge(segments[2 * len(segments) // 3 :])
+def _levels(segments: Sequence[Sums], plan: Plan) -> Levels:
+    """Flow through every level; what should have left above it, through outlets that lie higher, is counted as well."""
+    whole, late, flow = merge(segments), merge(segments[2 * len(segments) // 3 :]), _plate_flow(plan)
     grid = whole.grid
+    left = np.zeros(len(grid.z_edges))
+    for outlet in () if plan.space is None else plan.space.outlets:
+        left += outlet.share * (grid.z_edges < outlet.opening.z - 0.5 * grid.cell)
     return Levels(
         flow=flow,
         z=grid.z_edges,
-        whole=level_flow(whole.mean_flux[1], grid) / flow,
-        late=level_flow(late.mean_flux[1], grid) / flow,
+        whole=level_flow(whole.mean_flux[1], grid) / flow + left,
+        late=level_flow(late.mean_flux[1], grid) / flow + left,
         gathers=whole.row_gain / whole.duration / flow,
     )
 

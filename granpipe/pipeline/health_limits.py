@@ -51,19 +51,19 @@ def space_limits(vessel: SpaceVessel, settings: Settings, wall_friction: float) 
         measure=None,
         inside=vessel.contains,
         levels={name: one.opening.z for name, one in names.items()},
-        areas={name: one.opening.area for name, one in names.items()},
+        areas={name: one.spout.area for name, one in names.items()},
         loads={
-            name: bulk_flow * outlet.share / free_flow(opening, particle)
+            name: bulk_flow * outlet.load / free_flow(opening, particle)
             for (name, outlet), opening in zip(names.items(), vessel.openings, strict=True)
         },
         flow=PACKING * bulk_flow,
         speed=bulk_flow / vessel.outlet_area,
         flow_energy=_flow_energy(outline, bulk_flow) * max(vessel.plate_speeds) ** 2,
         elastic_energy=_elastic_energy(outline, settings, wall_friction),
-        fall=0.0,
-        brink=0.0,
+        fall=max(one.spout.fall for one in vessel.outlets),
+        brink=max(one.spout.area if one.spout.fall else 0.0 for one in vessel.outlets),
         shares={name: one.share for name, one in names.items()},
-        beneath=lambda at: vessel.beneath(at[:, 0], at[:, 1]),
+        left_by=vessel.left_by,
     )
 
 

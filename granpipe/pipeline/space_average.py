@@ -6,16 +6,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Box
 from granpipe.geometry.space_vessel import SpaceVessel
-from granpipe.geometry.wall_mesh import WallOpening, nearest_opening
+from granpipe.geometry.wall_mesh import WallOpening
 from granpipe.homogenize.average import Sums, merge
+from granpipe.homogenize.conserve import Plug, measure_plug
 from granpipe.homogenize.space_field import space_errors, space_field
+from granpipe.homogenize.space_outlets import OutletFaces, flows, left_above
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
-from granpipe.pipeline.averages import AveragedField, averaged_field, measured_packing, reference_plug
+from granpipe.pipeline.averages import AveragedField, averaged_field, measured_packing, outlet_cells, plug_range
 from granpipe.pipeline.gates import CONSERVING, OUTLET_SHARE, Gate
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
@@ -35,19 +36,29 @@ def averaged_of(plan: Plan, segments: Sequence[Sums]) -> AveragedField:
     if plan.space is None:
         return averaged_field(plan.case, plan.outline, segments, diameter)
     vessel, sums, case = plan.space, merge(segments), plan.case
-    grid = sums.grid
-    assert isinstance(grid, Box)
-    inside = vessel.inside_fraction(grid)
-    plug = reference_plug(case, plan.outline, sums, inside, diameter, case.material.packing)
+    assert isinstance(sums.grid, Box)
+    inside, cells = vessel.inside_fraction(sums.grid), outlet_cells(plan)
+    faces = cells.faces(inside > 0)
+    left = left_above(faces, flows(sums))
+    plug = _plug(plan, sums, case.material.packing, left)
     scale = target_flow(case, plug.packing) / plug.bulk_flow
-    columns = _columns([one.opening for one in vessel.outlets], grid)
-    leaving = [(columns == k, one.share) for k, one in enumerate(vessel.outlets)]
-    fitted = space_field(segments, inside, plug, diameter, scale, leaving, BLOCKS)
+    fitted = space_field(segments, inside, plug, diameter, scale, cells, BLOCKS)
     figures: dict[str, Any] = {"blocks": fitted.blocks, "effective_blocks": float(fitted.blocks)}
-    figures |= {"conserving_changes": fitted.change, "outlets": _measured(vessel, segments, grid)}
+    figures |= {"conserving_changes": fitted.change, "outlets": _measured(vessel, segments, faces)}
     if fitted.field.flux_z_se is not None:
         figures["statistical_error"] = space_errors(fitted.field, {})
-    return AveragedField(fitted.field, plug, figures)
+    return AveragedField(fitted.field, plug, figures, left)
+
+
+def _plug(plan: Plan, sums: Sums, packing: float | None, left: Array) -> Plug:
+    """The plug above the lowest outlet; its flow is that through all of them."""
+    vessel = plan.space
+    assert vessel is not None
+    assert isinstance(sums.grid, Box)
+    low, high = plug_range(plan.outline, sums.grid)
+    lowest = max(low, min(float(one.opening.corners[:, 2].min()) for one in vessel.outlets))
+    inside, diameter = vessel.inside_fraction(sums.grid), plan.dem.classes.sauter_diameter
+    return measure_plug(sums, inside, (lowest, lowest + high - low), diameter, packing, left)
 
 
 def measured_packing_of(plan: Plan, sums: Sums) -> float | None:
@@ -55,10 +66,8 @@ def measured_packing_of(plan: Plan, sums: Sums) -> float | None:
     diameter = plan.dem.classes.sauter_diameter
     if plan.space is None:
         return measured_packing(plan.case, plan.outline, sums, diameter)
-    assert isinstance(sums.grid, Box)
     try:
-        inside = plan.space.inside_fraction(sums.grid)
-        return reference_plug(plan.case, plan.outline, sums, inside, diameter, None).packing
+        return _plug(plan, sums, None, left_above(_faces(plan), flows(sums))).packing
     except DataError:
         return None
 
@@ -69,18 +78,15 @@ def space_gates(figures: Mapping[str, Any]) -> list[Gate]:
     return [CONSERVING.gate(figures["conserving_changes"]), OUTLET_SHARE.gate(apart)]
 
 
-def outlet_flows(outlets: Sequence[WallOpening], grid: Box, out: Array) -> list[dict[str, Any]]:
+def outlet_flows(outlets: Sequence[WallOpening], out: Array) -> list[dict[str, Any]]:
     """Share of the flow of each outlet, and its standard error from blocks.
 
     Parameters
     ----------
-    out : (1 + blocks, ny, nx) solids that leave through the lowest faces, of the whole average and of each block [m³/s]
+    out : (1 + blocks, outlets) solids that leave through each, of the whole average and of each block [m³/s]
     """
-    nearest = _columns(outlets, grid)
-    whole = out.sum(axis=(1, 2))
     found = []
-    for k, outlet in enumerate(outlets):
-        share = np.where(nearest == k, out, 0.0).sum(axis=(1, 2)) / whole
+    for outlet, share in zip(outlets, (out / out.sum(axis=1, keepdims=True)).T, strict=True):
         error = float(standard_error(share[1:])) if len(share) > 2 else float("nan")
         (x_m, y_m), z_m = outlet.centre, outlet.z
         found.append({"x_m": x_m, "y_m": y_m, "z_m": z_m, "area_m2": outlet.area, "share": share[0], "share_se": error})
@@ -98,18 +104,19 @@ def outlet_notes(outlets: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def _measured(vessel: SpaceVessel, segments: Sequence[Sums], grid: Box) -> list[dict[str, Any]]:
+def _measured(vessel: SpaceVessel, segments: Sequence[Sums], faces: Sequence[OutletFaces]) -> list[dict[str, Any]]:
     """Shares of the outlets as asked for and as simulated."""
     several = blocks(segments) if len(segments) >= LEAST_BLOCKS else []
-    out = np.array([-sums.mean_flux[1][0] * grid.ring_area[0] for sums in (merge(segments), *several)])
-    measured = outlet_flows([one.opening for one in vessel.outlets], grid, out)
+    out = np.array([[one.out(flows(sums)) for one in faces] for sums in (merge(segments), *several)])
+    measured = outlet_flows([one.opening for one in vessel.outlets], out)
     return [
         one | {"name": outlet.name, "share": outlet.share, "measured_share": one["share"]}
         for outlet, one in zip(vessel.outlets, measured, strict=True)
     ]
 
 
-def _columns(outlets: Sequence[WallOpening], grid: Box) -> NDArray[np.int64]:
-    """(ny, nx) number of the outlet below each column of cells."""
-    middles = (0.5 * (edges[1:] + edges[:-1]) for edges in (grid.r_edges, grid.y_edges))
-    return nearest_opening(outlets, *np.meshgrid(*middles))
+def _faces(plan: Plan) -> list[OutletFaces]:
+    """Faces between the vessel and what lies beyond each outlet."""
+    assert plan.space is not None
+    assert isinstance(plan.grid, Box)
+    return outlet_cells(plan).faces(plan.space.inside_fraction(plan.grid) > 0)

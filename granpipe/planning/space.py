@@ -101,9 +101,10 @@ def settings_vessel(vessel: SpaceVessel, grid: Box) -> Vessel:
         wall=tuple((float(r), float(z)) for r, z in outline.wall),
         volume=outline.volume(),
         openings=vessel.openings,
-        shares=tuple(one.share for one in vessel.outlets),
+        shares=tuple(one.load for one in vessel.outlets),
         widest=outline.widest_area(),
         plates=vessel.plate_speeds,
+        rises=vessel.rises,
         most_segments=min(MOST_SEGMENTS, int(segments)),
     )
 
@@ -139,7 +140,7 @@ def check_space_flow(case: Case, vessel: SpaceVessel) -> tuple[str, ...]:
     """
     particle = size_classes(case.material.size).mean_diameter
     free = [
-        FreeFlow(opening.name, free_flow(opening, particle) / outlet.share)
+        FreeFlow(opening.name, free_flow(opening, particle) / outlet.load)
         for opening, outlet in zip(vessel.openings, vessel.outlets, strict=True)
     ]
     return against_free_flow(case, min(free, key=lambda one: one.bulk))
@@ -153,7 +154,7 @@ def outlet_decisions(vessel: SpaceVessel, plate_speed: float) -> list[Decision]:
         Decision(
             f"plate in {one.name}",
             f"{plate_speed * speed:.3g} m/s",
-            f"{one.share:.4g} of the flow through {one.opening.area:.3g} m²",
+            f"{one.share:.4g} of the flow through {one.spout.area:.3g} m²",
         )
         for one, speed in zip(vessel.outlets, vessel.plate_speeds, strict=True)
     ]

@@ -53,7 +53,8 @@ def space_text(vessel: SpaceVessel) -> str:
         f"inlet     {_placed(vessel.inlet)}",
     ]
     for one in vessel.outlets:
-        lines.append(f"outlet    {one.name}: {_placed(one.opening)}, {one.share:.4g} of the flow")
+        side = ", in a side wall" if one.spout.fall else ""
+        lines.append(f"outlet    {one.name}: {_placed(one.opening)}{side}, {one.share:.4g} of the flow")
         lines.append(f"opening   to {one.name}: a sphere of {one.gap:.4g} m passes")
     return "\n".join(lines)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -57,3 +57,48 @@ def write_stl(path: Path, triangles: Triangles) -> Path:
         lines += ["facet normal 0 0 0", "outer loop", *corners, "endloop", "endfacet"]
     path.write_text("\n".join([*lines, "endsolid walls", ""]))
     return path
+
+
+def blocks(solid: np.ndarray, size: float, opened: Callable[[int, np.ndarray], bool]) -> Triangles:
+    """Walls round cubes of one size that stand at 0, open where `opened` says so.
+
+    Parameters
+    ----------
+    solid : (nx, ny, nz) which cubes the vessel is made of
+    opened : axis across a face and its middle → whether it is left out
+    """
+    padded, found = np.pad(solid, 1), []
+    for axis in range(3):
+        low, high = (np.delete(padded, end, axis) for end in (-1, 0))
+        for at in np.argwhere(low != high):
+            corner = at - 1.0
+            corner[axis] += 1
+            one, other = np.delete(np.eye(3), axis, axis=0)
+            if not opened(axis, size * (corner + 0.5 * (one + other))):
+                a, b, c, d = (size * (corner + s * one + t * other) for s, t in ((0, 0), (1, 0), (1, 1), (0, 1)))
+                found += [np.array([a, b, c]), np.array([a, c, d])]
+    return np.array(found)
+
+
+def two_levels(size: float = 8.0, step: int = 4, height: int = 11) -> Triangles:
+    """A bin of 12 × 6 cubes whose floor has a step, mm: an outlet of 4 × 4 cubes in either part of the floor."""
+    solid = np.ones((12, 6, height), bool)
+    solid[6:, :, :step] = False
+
+    def opened(axis: int, at: np.ndarray) -> bool:
+        x, y, z = at / size
+        floor = (z < 0.1 and 1 < x < 5) or (abs(z - step) < 0.1 and 7 < x < 11)
+        return axis == 2 and (z > height - 0.1 or (floor and 1 < y < 5))
+
+    return blocks(solid, size, opened)
+
+
+def two_taps(size: float = 8.0, height: int = 12, high: int = 4) -> Triangles:
+    """A bin of 8 × 6 cubes with two openings of 4 × 4 cubes in opposite walls, mm: one at the floor, one higher."""
+
+    def opened(axis: int, at: np.ndarray) -> bool:
+        x, y, z = at / size
+        tap = (x < 0.1 and 0 < z < 4) or (x > 7.9 and high < z < high + 4)
+        return (axis == 2 and z > height - 0.1) or (axis == 0 and tap and 1 < y < 5)
+
+    return blocks(np.ones((8, 6, height), bool), size, opened)

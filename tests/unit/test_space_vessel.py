@@ -60,8 +60,8 @@ def test_an_obstacle_is_outside() -> None:
 @pytest.mark.parametrize(
     ("outlets", "says"),
     [
-        ({}, "2 openings at the bottom"),
-        ({"left": OutletSpec(at=(-25, 0, 0), share=1)}, "no outlet is named for the opening at (0.025, 0) m"),
+        ({}, "2 openings below the top"),
+        ({"left": OutletSpec(at=(-25, 0, 0), share=1)}, "no outlet is named for the opening at (0.025, 0, 0) m"),
         (SIXTY_FORTY | {"right": OutletSpec(at=(-20, 0, 0), share=0.4)}, "is the same opening as that of left"),
         (SIXTY_FORTY | {"right": OutletSpec(at=(25, 0, 9), share=0.4)}, "lies 0.009 m from the nearest opening"),
     ],
@@ -77,8 +77,8 @@ def test_outlets_that_are_not_those_of_the_walls_are_refused(outlets: dict[str, 
     ("triangles", "says"),
     [
         (np.concatenate([square_hopper(), [rectangle(60, 60, 80)[[0, 1, 2]], rectangle(60, 60, 80)[[0, 2, 3]]]]),
-         "no opening at the top"),
-        (square_hopper()[1:], "is not level"),
+         "no level opening at the top"),
+        (square_hopper()[1:], "is not flat"),
         (np.concatenate([square_hopper(), square_hopper() + np.array([100, 0, 0])]), "2 pieces"),
         (two_outlets() * [1, 1, -1], "2 openings at the top"),
     ],
