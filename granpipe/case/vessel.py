@@ -45,15 +45,16 @@ class VesselSpec(Group):
 
     file: Annotated[str, File()] = Field(
         description="The walls, z up, relative to the folder of the case file: triangles (STL, OBJ) that are open only "
-        "at the inlet (top) and at the outlets (bottom), with obstacles as closed surfaces inside; or the inside as a "
-        "body (STEP, BREP), which is opened at its flat faces at the top and the bottom."
+        "at the inlet (level, at the top) and at the outlets (flat, level or in a side wall), with obstacles as closed "
+        "surfaces inside; or the inside as a body (STEP, BREP), which is opened at its flat face at the top and at "
+        "those that outlets lie in, or at the bottom where none is given."
     )
     unit: Annotated[str, Identifier()] = Field(
         default="m", description="Unit of the file and of `at`: m, cm, mm, ft, …; a STEP file knows its own."
     )
     outlets: dict[Annotated[str, Identifier()], OutletSpec] = Field(
         default_factory=dict,
-        description="Every opening at the bottom, by name. Not needed where there is one.",
+        description="Every opening but the inlet, by name. Not needed where there is one.",
     )
     sha256: Annotated[str | None, Name()] = Field(
         default=None, description="SHA-256 of the file. Written by granpipe, which refuses a file that was changed."
@@ -121,7 +122,9 @@ def vessel_triangles(spec: VesselSpec) -> tuple[Points, Any]:
     kind = path.suffix.lower()
     try:
         if kind in CAD:
-            points, triangles = read_cad_triangles(path)
+            scale = spec.metres if kind in STEP else 1.0
+            outlets = [[scale * one for one in outlet.at] for outlet in spec.outlets.values()]
+            points, triangles = read_cad_triangles(path, outlets)
         elif kind in TRIANGLES:
             points, triangles = read_triangles(path)
         else:

@@ -64,17 +64,21 @@ def read_cad(path: Path, sagitta: float | None = None, up: str = "") -> Lines:
     return Lines([Line(np.array(points)) for points in found["lines"]], unit, half=True)
 
 
-def read_cad_triangles(path: Path) -> tuple[Points, NDArray[np.int64]]:
+def read_cad_triangles(path: Path, outlets: Sequence[Sequence[float]] = ()) -> tuple[Points, NDArray[np.int64]]:
     """(n, 3) corners and (m, 3) which of them each triangle has, of the faces of a CAD file; in m of a STEP file.
 
-    Of bodies the flat faces at the very top and bottom are left out: a body is the inside of a vessel, which is open
-    there. z is up.
+    A body is the inside of a vessel. Left out of it are its flat faces at the very top and those that the given points
+    lie in, or, where none are given, at the very bottom. z is up.
+
+    Parameters
+    ----------
+    outlets : a point in each outlet, in the unit of the result
 
     Raises
     ------
-    CaseError : no such file, or OpenCASCADE or gmsh cannot read it or mesh it
+    CaseError : no such file, or OpenCASCADE or gmsh cannot read it or mesh it; no flat face where a point is
     """
-    found = _asked({"path": str(path), "triangles": True})
+    found = _asked({"path": str(path), "triangles": True, "outlets": [list(one) for one in outlets]})
     return np.array(found["points"], dtype=float).reshape(-1, 3), np.array(found["corners"], dtype=np.int64)
 
 
@@ -111,7 +115,7 @@ def _answer(asked: str) -> None:
             gmsh.model.occ.synchronize()
             bodies = gmsh.model.getEntities(3)
             if question.get("triangles"):
-                answer = _meshed(gmsh, bodies)
+                answer = _meshed(gmsh, bodies, question["outlets"])
             else:
                 sagitta, up = question["sagitta"], question["up"]
                 lines = _cut(gmsh, bodies, sagitta, up) if bodies else _face(gmsh, sagitta, up)
@@ -123,18 +127,22 @@ def _answer(asked: str) -> None:
     Path(question["answer"]).write_text(json.dumps(answer))
 
 
-def _meshed(gmsh: Any, bodies: Sequence[tuple[int, int]]) -> dict[str, Any]:
-    """Corners and triangles of all faces, but for the flat ones at the top and the bottom of bodies."""
+def _meshed(gmsh: Any, bodies: Sequence[tuple[int, int]], outlets: Sequence[Sequence[float]]) -> dict[str, Any]:
+    """Corners and triangles of all faces, but for the openings of bodies."""
     low, high = _box(gmsh)
     size = float((high - low).max())
-    if bodies:
-        for dimension, tag in gmsh.model.getEntities(2):
-            box = np.array(gmsh.model.getBoundingBox(dimension, tag)).reshape(2, 3)
-            level = np.ptp(box[:, 2]) < _LEVEL * size
-            if level and min(abs(box[0, 2] - low[2]), abs(high[2] - box[1, 2])) < _LEVEL * size:
-                gmsh.model.setPhysicalName(dimension, gmsh.model.addPhysicalGroup(dimension, [tag]), "open")
-    open_faces = {int(tag) for _, group in gmsh.model.getPhysicalGroups(2)
-                  for tag in gmsh.model.getEntitiesForPhysicalGroup(2, group)}  # fmt: skip
+    open_faces = set()
+    for _, tag in gmsh.model.getEntities(2) if bodies else ():
+        box = np.array(gmsh.model.getBoundingBox(2, tag)).reshape(2, 3)
+        ends = high[2:] if outlets else (low[2], high[2])
+        if any(np.abs(box[:, 2] - end).max() < _LEVEL * size for end in ends):
+            open_faces.add(tag)
+    for point in outlets if bodies else ():
+        faces = [tag for _, tag in gmsh.model.getEntities(2) if _holds(gmsh, tag, point, _LEVEL * size)]
+        if not faces:
+            named = ", ".join(f"{one:.6g}" for one in point)
+            raise CaseError(f"no flat face of its body holds the point ({named}) of an outlet")
+        open_faces.update(faces)
     gmsh.option.setNumber("Mesh.MeshSizeMax", size / _PIECES)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", _PER_TURN)
     gmsh.model.mesh.generate(2)
@@ -147,6 +155,14 @@ def _meshed(gmsh: Any, bodies: Sequence[tuple[int, int]]) -> dict[str, Any]:
             _, _, nodes = gmsh.model.mesh.getElements(dimension, tag)
             corners += [row for one in nodes for row in place[one.reshape(-1, 3)].tolist()]
     return {"points": points.tolist(), "corners": corners}
+
+
+def _holds(gmsh: Any, face: int, point: Sequence[float], slack: float) -> bool:
+    """Whether a face is flat and a point lies in it."""
+    if gmsh.model.getType(2, face) != "Plane":
+        return False
+    nearest, _ = gmsh.model.getClosestPoint(2, face, list(point))
+    return bool(np.linalg.norm(np.array(nearest) - point) <= slack and gmsh.model.isInside(2, face, list(nearest)))
 
 
 def _box(gmsh: Any) -> tuple[Points, Points]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -26,7 +27,8 @@ UPWARDS = 0.05
 SILL = 0.25
 """Thickness of the wall below a hood over the height of the opening: a particle does not touch it from both sides."""
 
-_SAME = 1e-6  # of an opening's height: two of its corners are as far along the wall
+_OVERLAP = 1e-4  # of an opening's size: so far before it begins what lies beyond, lest a point in it be in neither
+_SAME = 1e-6  # of an opening's width: two of its corners are as far along the wall, or three on one line
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,10 +83,10 @@ def _straight(opening: WallOpening) -> Spout:
 
     tube = Polygon(opening.border)
     prepare(tube)
-    middle, normal = opening.corners.mean(axis=0), opening.normal
+    middle, normal, slack = opening.corners.mean(axis=0), opening.normal, _OVERLAP * math.sqrt(opening.area)
 
     def within(points: Array) -> Mask:
-        found = (points - middle) @ normal >= 0
+        found = (points - middle) @ normal >= -slack
         found[found] = contains_xy(tube, points[found, 0], points[found, 1])
         return np.asarray(found)
 
@@ -115,17 +117,20 @@ def _hood(opening: WallOpening) -> Spout:
 
     rim = opening.corners + (begin - t)[:, None] * out
     front, roof, back = placed(lower, begin), placed(upper, begin), placed(upper, end)
-    ends = [k for k in (0, -1) if roof[k, 2] - front[k, 2] > _SAME * height]
-    sides = [np.stack([front[k], roof[k], back[k]]) for k in ends]
+    sides = []
+    for at, corner in ((s.min(), back[0]), (s.max(), back[-1])):  # upright edges of the opening, if it has any
+        edge = rim[np.abs(s - at) <= _SAME * np.ptp(s)]
+        edge = edge[np.argsort(edge[:, 2])]
+        sides += [np.stack([one, other, corner]) for one, other in pairwise(edge)]
     surface = np.concatenate(
         [_strip(_closed(opening.corners), _closed(rim)), _strip(roof, back), np.array(sides).reshape(-1, 3, 3)]
     )
     low, high = float(s.min()), float(s.max())
-    middle = opening.corners.mean(axis=0)
+    middle, slack = opening.corners.mean(axis=0), _OVERLAP * math.sqrt(opening.area)
 
     def within(points: Array) -> Mask:
         side, away = points @ along, points @ out
-        found = (away <= end) & ((points - middle) @ normal >= 0) & (side > low) & (side < high)
+        found = (away <= end) & ((points - middle) @ normal >= -slack) & (side > low) & (side < high)
         below = found & (away >= begin) & (points[:, 2] <= np.interp(side, *upper.T))
         found[found] = contains_xy(seen, side[found], points[found, 2])
         return np.asarray(found | below)
@@ -140,7 +145,7 @@ def _chain(corners: Array, side: int) -> Array:
     first, last = (end[np.argmax(side * end[:, 1])] for end in ends)
     between = corners[(corners[:, 0] > first[0] + _SAME * width) & (corners[:, 0] < last[0] - _SAME * width)]
     level = first[1] + (between[:, 0] - first[0]) / (last[0] - first[0]) * (last[1] - first[1])
-    beyond = between[side * (between[:, 1] - level) > 0]
+    beyond = between[side * (between[:, 1] - level) >= -_SAME * width]
     return np.concatenate([first[None], beyond[np.argsort(beyond[:, 0])], last[None]])
 
 

@@ -108,6 +108,10 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
         field = field.of_depth(plan.case.outline.depth)
     settled = [SettleRecord.read(production.settled) for production in productions]
     figures = averaged.figures | summed.figures(steady) | run_statistics(steady, _levels(plan))
+    if (
+        plan.space is not None and "turnovers" in figures
+    ):  # solids leave at several heights, not only through the lowest
+        figures["turnovers"] = {"whole": averaged.plug.solids_flow * whole.duration / float(whole.mean_volume.sum())}
     if angles := _surface_angles(field, plan):
         figures["surface_angles"] = angles
     discharge = _discharge(plan, simulated, productions)
