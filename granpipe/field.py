@@ -88,6 +88,11 @@ FLOW_RATE_POWER = {
 _MAY_LACK = re.compile("strain_..|shear_rate|granular_temperature|(mechanical_)?coordination|rattlers|mixing_index|age")
 """What of it is NaN where it is not known."""
 
+_COMPONENT = re.compile("(flux_|strain_|stress_)([rtxyz]+)")
+"""A vector or tensor in a file, and its components."""
+
+_TO_PLANE, _TO_RINGS = str.maketrans("rt", "xy"), str.maketrans("xy", "rt")
+
 _NAME = re.compile(r"[\w.-]{1,64}")
 
 
@@ -139,9 +144,22 @@ class Measure:
         """Its part of a slab of some depth [m]; 1 of a body of revolution, which has none."""
         return 1.0 if depth is None else self.turn / depth
 
+    def from_reach(self, reach: Array) -> Array:
+        """The r whose `reach` is this."""
+        return np.sqrt(2 * reach) if self.axial else reach
+
     def across(self, x: Array, y: Array) -> Array:
         """r of points: their distance from the axis, or x [m]."""
         return np.hypot(x, y) if self.axial else x
+
+    def components(self, position: Array, vector: Array) -> tuple[Array, Array, Array]:
+        """Vectors (n, 3) at positions (n, 3) along r, round the axis and along z; in a slab along x, y and z."""
+        vx, vy, vz = vector.T
+        if not self.axial:
+            return vx, vy, vz
+        x, y = position[:, :2].T
+        r = np.maximum(np.hypot(x, y), 1e-300)
+        return (vx * x + vy * y) / r, (vy * x - vx * y) / r, vz
 
     def hydraulic_diameter(self, width: float) -> float:
         """4 × area / perimeter of a level [m]: its diameter, or twice the distance of the walls of a slab."""
@@ -338,6 +356,11 @@ class Grid:
         """Rows and columns of cells of a grid with the same cells that is a part of this one."""
         return _cells_of(part.z_edges, self.z_edges), _cells_of(part.r_edges, self.r_edges)
 
+    @property
+    def period(self) -> float:
+        """Distance along y after which what particles do repeats itself [m]; 0 where it does not."""
+        return 0.0
+
     def of_slice(self, measure: Measure) -> Grid:
         """The grid of the part that particles fill; a body of revolution has no slices, and keeps its own."""
         return self
@@ -351,9 +374,13 @@ class Grid:
         """The grid as arrays for a file; `restored` makes it again."""
         return {"r_edges": self.r_edges, "z_edges": self.z_edges}
 
-    def name_of(self, flux: str) -> str:
-        """Name in a file of what the code calls ``flux_r`` and the like."""
-        return flux
+    def name_of(self, array: str) -> str:
+        """Name in a file of what the code calls ``flux_r``, ``strain_rz`` and the like."""
+        return array
+
+    def named_in_file(self, name: str) -> str:
+        """What the code calls an array of this name in a file."""
+        return name
 
 
 def _edges_of(edges: Array, cells: slice) -> Array:
@@ -446,6 +473,11 @@ class Box(Grid):
         return replace(self, y_edges=np.array([0.0, measure.turn]), cut=False)
 
     @property
+    def period(self) -> float:
+        """The depth of a slice between periodic faces [m]."""
+        return 0.0 if self.cut or not self.flat else self.measure.turn
+
+    @property
     def front_area(self) -> float:
         """Area of the face of a cell across y [m²]."""
         dx, _, dz = self._steps
@@ -465,9 +497,17 @@ class Box(Grid):
         ends = {"flat": self.flat, "cut": self.cut}
         return {"x_edges": self.r_edges, "y_edges": self.y_edges, "z_edges": self.z_edges} | ends
 
-    def name_of(self, flux: str) -> str:
-        """``flux_x`` for ``flux_r``."""
-        return flux.replace("flux_r", "flux_x")
+    def name_of(self, array: str) -> str:
+        """``flux_x`` for ``flux_r``, ``strain_xz`` for ``strain_rz``."""
+        return _COMPONENT.sub(lambda found: found[1] + found[2].translate(_TO_PLANE), array)
+
+    def named_in_file(self, name: str) -> str:
+        """``flux_r`` for ``flux_x``, ``strain_rz`` for ``strain_xz``; those of y of a grid in space stay."""
+        return (
+            _COMPONENT.sub(lambda found: found[1] + found[2].translate(_TO_RINGS), name)
+            if self.flat
+            else (name.replace("flux_x", "flux_r"))
+        )
 
 
 def restored(stored: dict[str, Any]) -> Grid:
@@ -546,8 +586,9 @@ class Field:
         except ValueError as error:
             raise DataError(f"{path}: not written, for the field is wrong: {error}") from error
         known = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("grid", "extra")}
-        arrays = {self.grid.name_of(name): value for name, value in known.items() if value is not None}
-        everything: dict[str, Any] = {"format_version": FORMAT_VERSION} | self.grid.stored() | arrays | dict(self.extra)
+        arrays = {name: value for name, value in (known | dict(self.extra)).items() if value is not None}
+        named = {self.grid.name_of(name): value for name, value in arrays.items()}
+        everything: dict[str, Any] = {"format_version": FORMAT_VERSION} | self.grid.stored() | named
         np.savez_compressed(path, **everything)
 
     @classmethod
@@ -569,7 +610,7 @@ class Field:
             raise DataError(f"{path}: field format {version}; this granpipe reads {FORMAT_VERSION}: run again")
         try:
             grid = restored(stored)
-            arrays = {name.replace("flux_x", "flux_r"): value for name, value in stored.items()}
+            arrays = {grid.named_in_file(name): value for name, value in stored.items()}
             extra = {name: arrays.pop(name) for name in arrays.keys() - {f.name for f in fields(cls)}}
             values = {name: float(value) if value.ndim == 0 else value for name, value in arrays.items()}
             loaded = cls(grid=grid, extra=extra, **values)  # type: ignore[arg-type]

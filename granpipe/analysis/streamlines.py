@@ -1,8 +1,9 @@
 """Streamlines of a field with the time that the solids take along them, and their age in every cell.
 
 In each cell the flux through opposite faces is interpolated linearly, which is what a stream function that is bilinear
-in r² and z gives; the path through a cell and its time then follow exactly: D. W. Pollock, Semianalytical computation
-of path lines for finite-difference models, Ground Water 26 (1988) 743. Solids move at v = F/φ, each cell with its φ.
+in ∫ r dr (x in a slab) and z gives; the path through a cell and its time then follow exactly: D. W. Pollock,
+Semianalytical computation of path lines for finite-difference models, Ground Water 26 (1988) 743. Solids move at
+v = F/φ, each cell with its φ.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ class Streamline:
 
     Parameters
     ----------
-    within : part of the flow between the axis and this line
+    within : part of the flow between the axis (the left wall of a slab) and this line
     r, z : (n,) points, from the inlet on [m]
     time : (n,) since the inlet, at the flow rate of the process [s]
     leaves : whether it comes to the outlet
@@ -45,14 +46,15 @@ def streamlines(field: Field, count: int = 20) -> list[Streamline]:
     ------
     DataError : the field has no stream function
     """
-    if field.psi is None or not field.grid.measure.axial:
+    if field.psi is None:
         raise DataError("the field has no stream function to draw streamlines by; use homogenize.method: psi")
     part = np.maximum.accumulate(field.psi[-1] / field.psi[-1, -1])
     within = (np.arange(count) + 0.5) / count
-    start = np.interp(within, part, field.grid.r_edges**2)
+    measure = field.grid.measure
+    start = np.interp(within, part, measure.reach(field.grid.r_edges))
     paths = _Paths(field)
     return [
-        Streamline(float(share), np.sqrt(x), z, time, leaves)
+        Streamline(float(share), measure.from_reach(x), z, time, leaves)
         for share, (x, z, time, leaves) in (
             (share, paths.follow(float(x), float(field.grid.z_edges[-1])))
             for share, x in zip(within, start, strict=True)
@@ -69,11 +71,12 @@ def age(field: Field) -> Array:
     ------
     DataError : the field has no stream function
     """
-    if field.psi is None or not field.grid.measure.axial:
+    if field.psi is None:
         raise DataError("the field has no stream function to tell ages by; use homogenize.method: psi")
     paths = _Paths(field, upstream=True)
     found = np.full(field.grid.shape, np.nan)
-    middles = 0.5 * (field.grid.r_edges[1:] ** 2 + field.grid.r_edges[:-1] ** 2)
+    edges = field.grid.measure.reach(field.grid.r_edges)
+    middles = 0.5 * (edges[1:] + edges[:-1])
     for row, column in np.argwhere(field.bulk).tolist():
         _, _, time, reached = paths.follow(middles[column], float(field.grid.z_centres[row]))
         found[row, column] = time[-1] if reached else np.nan
@@ -81,26 +84,27 @@ def age(field: Field) -> Array:
 
 
 class _Paths:
-    """Paths through the cells in x = r² and z.
+    """Paths through the cells in x = ∫ r dr (x itself in a slab) and z.
 
-    Speeds are those of x and z through the faces of a cell: dx/dt = 2 r u, linear in x, and dz/dt = w, linear in z.
+    Speeds are those of x and z through the faces of a cell: dx/dt = r u, linear in x, and dz/dt = w, linear in z.
     """
 
     def __init__(self, field: Field, upstream: bool = False) -> None:
         assert field.psi is not None
         grid, sign = field.grid, -1.0 if upstream else 1.0
-        self.x, self.z = (grid.r_edges**2).tolist(), grid.z_edges.tolist()
+        reach = grid.measure.reach(grid.r_edges)
+        self.x, self.z = reach.tolist(), grid.z_edges.tolist()
         solids = np.full(grid.shape, field.bulk_packing) if field.packing_fraction is None else field.packing_fraction
         share = solids * field.inside_fraction
         scale = np.where(field.bulk & (share > 0), sign * field.flow_scale / np.maximum(share, 1e-30), 0.0)
-        across = -2 * np.diff(field.psi, axis=0) / np.diff(grid.z_edges)[:, None]
-        upward = 2 * np.diff(field.psi, axis=1) / np.diff(grid.r_edges**2)
+        across = -np.diff(field.psi, axis=0) / np.diff(grid.z_edges)[:, None]
+        upward = np.diff(field.psi, axis=1) / np.diff(reach)
         speeds = (across[:, :-1], across[:, 1:], upward[:-1], upward[1:])
         self.left, self.right, self.below, self.above = ((scale * speed).tolist() for speed in speeds)
         self.end = len(self.z) - 1 if upstream else 0
 
     def follow(self, x: float, z: float) -> tuple[Array, Array, Array, bool]:
-        """Points of a path in x = r² and z, their times, and whether it leaves through the far end."""
+        """Points of a path in x = ∫ r dr and z, their times, and whether it leaves through the far end."""
         column = min(max(int(np.searchsorted(self.x, x, side="right")) - 1, 0), len(self.x) - 2)
         row = min(max(int(np.searchsorted(self.z, z, side="right")) - 1, 0), len(self.z) - 2)
         xs, zs, times = [x], [z], [0.0]

@@ -63,9 +63,9 @@ class Exported:
         """What the case asks for beside the flow, on the nodes, with standard errors where they are known."""
         return [
             Column(
-                name + end,
+                self.field.grid.name_of(name + end),
                 of.unit,
-                before + of.meaning,
+                before + of.meaning_in(self.field.grid.measure),
                 on_nodes(at_process_scale(self.field, name + end), self.nodes),
             )
             for name, of in QUANTITIES.items()

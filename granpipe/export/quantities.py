@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from granpipe.export.nodes import Nodes, corner_sum
-from granpipe.field import FLOW_RATE_POWER, Array, Field
+from granpipe.field import FLOW_RATE_POWER, Array, Field, Measure
 
 
 class Quantity(NamedTuple):
@@ -16,6 +16,10 @@ class Quantity(NamedTuple):
 
     unit: str
     meaning: str
+
+    def meaning_in(self, measure: Measure) -> str:
+        """The meaning where the plane stands for a body of revolution or for a slab."""
+        return self.meaning if measure.axial else self.meaning.replace("Radial", "x").replace("Circumferential", "y")
 
 
 QUANTITIES = {

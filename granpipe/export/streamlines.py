@@ -39,7 +39,9 @@ def _rows(exported: Exported, lines: list[Line]) -> Iterator[str]:
     yield from (f"# {line}" for line in exported.head[:3])
     yield f"# {len(lines)} streamlines from the inlet, each amid one of as many streamtubes of equal flow"
     yield f"# that do not come to the outlet: {', '.join(staying) or 'none'}"
-    yield "streamline,flow_between_axis_and_streamline,r_m,z_m,t_s"
+    measure = exported.field.grid.measure
+    first = "axis" if measure.axial else "left_wall"
+    yield f"streamline,flow_between_{first}_and_streamline,{measure.letter}_m,z_m,t_s"
     for number, line in enumerate(lines, start=1):
         for point in zip(line.r.tolist(), line.z.tolist(), line.time.tolist(), strict=True):
             yield f"{number},{line.within:.6g},{numbers(point, ',')}"

@@ -32,7 +32,7 @@ def _wall(field: Field) -> tuple[list[str], Iterable[Sequence[Any]]]:
     ends = field.extra["wall_ends"]
     columns: dict[str, Any] = {
         "surface": field.extra["wall_surface"].tolist(),
-        "r_m": ends[:, :, 0].mean(axis=1),
+        f"{field.grid.measure.letter}_m": ends[:, :, 0].mean(axis=1),
         "z_m": ends[:, :, 1].mean(axis=1),
         "length_m": np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1),
     }
@@ -44,9 +44,10 @@ def _wall(field: Field) -> tuple[list[str], Iterable[Sequence[Any]]]:
 
 
 def _residence(field: Field) -> tuple[list[str], Iterable[Sequence[Any]]]:
-    """The curve over streamlines from axis to wall, and over the flow from the shortest stay to the longest."""
+    """The curve over streamlines from the axis (or left wall) on, and over the flow from the shortest stay on."""
     within, time = field.extra["residence_within"], field.extra["residence_time"] / field.flow_scale
-    titles = ["flow_between_axis_and_streamline", "time_s", "flow_that_is_faster", "its_time_s"]
+    first = "axis" if field.grid.measure.axial else "left_wall"
+    titles = [f"flow_between_{first}_and_streamline", "time_s", "flow_that_is_faster", "its_time_s"]
     return titles, zip(*(map(_text, values) for values in (within, time, within, np.sort(time))), strict=True)
 
 

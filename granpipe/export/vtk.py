@@ -117,7 +117,7 @@ def _extra_cell_data(field: Field) -> dict[str, Data]:
     data: dict[str, Data] = {}
     for name, values in field.extra.items():
         if values.shape == field.grid.shape:
-            data[name] = at_process_scale(field, name)
+            data[field.grid.name_of(name)] = at_process_scale(field, name)
         elif values.shape[1:] == field.grid.shape:
             data |= {f"{name}_{number}": values for number, values in enumerate(values, start=1)}
     if "particle_u" in data:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granpipe.field import Array
+from granpipe.field import Array, Measure
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import edges_of, nearest_points
 
@@ -19,32 +18,43 @@ _AT_ONCE = 1 << 18  # pairs of a point and an edge
 
 @dataclass(frozen=True)
 class WallPieces:
-    """Equal pieces of the edges of the outer wall, from the top down, and of the obstacles; solid lies to their left.
+    """Equal pieces of the edges of the walls and the obstacles; solid lies to their left.
+
+    The outer wall runs from the top down, and so does the right one of a slab; its left one runs upwards.
 
     Parameters
     ----------
-    names : of the surfaces: ``wall``, then the obstacles
+    names : of the surfaces: ``wall``, or ``right`` and ``left`` in a slab, then the obstacles
     surface : (edges,) which of the names each edge is of
     edges : (edges, 2, 2) [edge, end, (r, z)] [m]
     counts : (edges,) number of pieces of each edge
+    measure : what the plane stands for
     """
 
     names: tuple[str, ...]
     surface: Index
     edges: Array
     counts: Index
+    measure: Measure
 
     @classmethod
     def of(cls, outline: Outline, length: float) -> WallPieces:
         """Pieces no longer than `length` [m]."""
-        surfaces = [edges_of(outline.wall), *(edges_of(polygon, closed=True) for polygon in outline.obstacles.values())]
+        walls = {"wall": outline.wall}
+        if not outline.measure.axial:
+            walls = {"right": outline.wall, "left": outline.left[::-1]}
+        surfaces = [
+            *(edges_of(wall) for wall in walls.values()),
+            *(edges_of(polygon, closed=True) for polygon in outline.obstacles.values()),
+        ]
         edges = np.concatenate(surfaces)
         reach = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
         return cls(
-            names=("wall", *outline.obstacles),
+            names=(*walls, *outline.obstacles),
             surface=np.repeat(np.arange(len(surfaces)), [len(one) for one in surfaces]),
             edges=edges,
             counts=np.maximum(1, np.ceil(reach / length - 1e-9)).astype(np.int64),
+            measure=outline.measure,
         )
 
     def __len__(self) -> int:
@@ -67,7 +77,7 @@ class WallPieces:
 
     @property
     def tangent(self) -> Array:
-        """(m, 2) unit vectors (r, z) along the pieces: downwards on the outer wall."""
+        """(m, 2) unit vectors (r, z) along the pieces: downwards on the outer wall, upwards on the left of a slab."""
         along = self.edges[:, 1] - self.edges[:, 0]
         return np.repeat(along / np.linalg.norm(along, axis=1, keepdims=True), self.counts, axis=0)
 
@@ -79,9 +89,10 @@ class WallPieces:
 
     @property
     def area(self) -> Array:
-        """(m,) area of the surface that each piece sweeps about the axis [m²]."""
+        """(m,) area of the surface that each piece sweeps about the axis, or along the depth of a slab [m²]."""
         ends = self.ends
-        return np.asarray(pi * ends[:, :, 0].sum(axis=1) * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+        around = self.measure.turn * self.measure.weight(ends[:, :, 0]).mean(axis=1)
+        return np.asarray(around * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
 
     def nearest(self, points: Array) -> tuple[Index, Array]:
         """Nearest piece (n,) of each point (n, 2) and the distance to it (n,) [m]."""

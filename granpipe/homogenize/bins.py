@@ -20,7 +20,7 @@ _REACH = 1  # bins of a window on each side
 
 @dataclass(frozen=True)
 class Bins:
-    """Square groups of cells of a grid of rings, from the axis and from below; the last ones may be smaller.
+    """Square groups of cells of a grid, from the axis (or the left) and from below; the last ones may be smaller.
 
     Parameters
     ----------
@@ -61,13 +61,14 @@ class Bins:
     def sums(self, r: Array, z: Array, values: Array) -> Array:
         """(k, bz, br) sums over points at (n,) r and z of (k, n) values; points beyond the ends are left out.
 
-        Those beyond the outermost radius count in the outermost bin: soft contacts overlap the wall.
+        Those beyond the walls count in the outermost bins: soft contacts overlap the wall.
         """
         rows, columns = self.shape
         size, low = self.factor * self.grid.cell, self.grid.z_edges[0]
+        width, left = self.factor * (self.grid.r_edges[1] - self.grid.r_edges[0]), self.grid.r_edges[0]
         there = (z >= low) & (z < self.grid.z_edges[-1])
         row = np.minimum(((z[there] - low) / size).astype(np.int64), rows - 1)
-        place = row * columns + np.minimum((r[there] / size).astype(np.int64), columns - 1)
+        place = row * columns + ((r[there] - left) / width).astype(np.int64).clip(0, columns - 1)
         added = [np.bincount(place, value[there], rows * columns) for value in np.asarray(values)]
         return np.array(added, dtype=float).reshape(-1, rows, columns)
 

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from granpipe.field import Array, Mask
+from granpipe.field import Array, Mask, Measure
 from granpipe.homogenize.assemble import packing_fraction
 from granpipe.homogenize.average import Sample, Sums, merge
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
@@ -44,8 +44,12 @@ class Surface(Protocol):
         """(m, 2) unit normals (r, z) into the solid."""
 
     @property
+    def measure(self) -> Measure:
+        """What their plane stands for."""
+
+    @property
     def area(self) -> Array:
-        """(m,) area that each piece sweeps about the axis [m²]."""
+        """(m,) area that each piece stands for [m²]."""
 
 
 class Touching(Protocol):
@@ -95,11 +99,11 @@ class WallSlip:
     def sample(self, sample: Sample) -> Mapping[str, Array]:
         """Of all particles, at their places."""
         x, y, z = sample.position.T
-        r = np.hypot(x, y)
-        piece, distance = self.surface.nearest(np.column_stack([r, z]))
+        measure = self.surface.measure
+        piece, distance = self.surface.nearest(np.column_stack([measure.across(x, y), z]))
         touching = (distance < sample.radius + self.reach) & _beside(self.surface, z)
-        outward = (sample.velocity[:, 0] * x + sample.velocity[:, 1] * y) / np.maximum(r, 1e-30)
-        along = (np.column_stack([outward, sample.velocity[:, 2]]) * self.surface.tangent[piece]).sum(axis=1)
+        outward, _, upward = measure.components(sample.position, sample.velocity)
+        along = (np.column_stack([outward, upward]) * self.surface.tangent[piece]).sum(axis=1)
         at, shadow = piece[touching], np.pi * sample.radius[touching] ** 2
         count = len(self.surface)
         return {
@@ -120,10 +124,10 @@ def wall_forces(surface: Surface, point: Array, force: Array) -> dict[str, Array
     """
     beside = _beside(surface, point[:, 2])  # not above the inlet, nor on the plate below the outlet
     point, force = point[beside], force[beside]
-    r = np.hypot(point[:, 0], point[:, 1])
-    piece, _ = surface.nearest(np.column_stack([r, point[:, 2]]))
-    outward = (force[:, 0] * point[:, 0] + force[:, 1] * point[:, 1]) / np.maximum(r, 1e-30)
-    pressing = -(np.column_stack([outward, force[:, 2]]) * surface.normal[piece]).sum(axis=1)
+    measure = surface.measure
+    piece, _ = surface.nearest(np.column_stack([measure.across(point[:, 0], point[:, 1]), point[:, 2]]))
+    outward, _, upward = measure.components(point, force)
+    pressing = -(np.column_stack([outward, upward]) * surface.normal[piece]).sum(axis=1)
     return {"wall_force": _per_piece(piece, pressing, len(surface)), "wall_looks": np.ones(1)}
 
 

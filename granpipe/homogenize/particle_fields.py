@@ -27,21 +27,18 @@ def velocity_moments(bins: Bins, particles: Particles) -> Arrays:
     """``moments`` (20, bz, br) of one snapshot, as a value for `Collector.observe`.
 
     Of the particles centred in each bin: their number, ΣV, ΣV²; ΣV times r, z, r², rz, z², in widths of a bin; then for
-    the velocities along r, round the axis and along z ΣVv, ΣVvr, ΣVvz, ΣVv². V is a particle's volume.
+    the velocities along r, round the axis and along z ΣVv, ΣVvr, ΣVvz, ΣVv². V is a particle's volume. In the plane
+    x–z these are x, and the velocities along x, y and z.
     """
     position, velocity = particles.position, particles.velocity
     volume = particles.radius**3
-    distance, z = np.hypot(position[:, 0], position[:, 1]), position[:, 2]
-    cosine, sine = position[:, :2].T / np.maximum(distance, 1e-300)
+    measure, z = bins.grid.measure, position[:, 2]
+    distance = measure.across(position[:, 0], position[:, 1])
     size = bins.factor * bins.grid.cell
     r, up = distance / size, (z - bins.grid.z_edges[0]) / size
     columns = [np.ones(len(z)), volume, volume**2, volume * r, volume * up]
     columns += [volume * r * r, volume * r * up, volume * up * up]
-    for v in (
-        velocity[:, 0] * cosine + velocity[:, 1] * sine,
-        velocity[:, 1] * cosine - velocity[:, 0] * sine,
-        velocity[:, 2],
-    ):
+    for v in measure.components(position, velocity):
         columns += [volume * v, volume * v * r, volume * v * up, volume * v * v]
     return {"moments": bins.sums(distance, z, np.array(columns))}
 
@@ -88,17 +85,24 @@ def contact_counts(bins: Bins, particles: Particles) -> Arrays:
     """``contacts`` (4, bz, br) of one snapshot, as a value for `Collector.observe`.
 
     Of the particles centred in each bin: their number, that of their contacts, and how many have none, and one. Spheres
-    that overlap are in contact; walls do not count.
+    that overlap are in contact, across periodic faces too; walls do not count.
     """
     from scipy.spatial import cKDTree
 
     position, radius = particles.position, particles.radius
-    near = 2 * float(radius.max(initial=0))
-    one, other = cKDTree(position).query_pairs(near, output_type="ndarray").T
-    touching = ((position[one] - position[other]) ** 2).sum(axis=1) < (radius[one] + radius[other]) ** 2
+    near, period = 2 * float(radius.max(initial=0)), bins.grid.period
+    if period:
+        position = position.copy()
+        position[:, 1] %= period
+    tree = cKDTree(position, boxsize=(0.0, period, 0.0)) if period else cKDTree(position)
+    one, other = tree.query_pairs(near, output_type="ndarray").T
+    apart = position[one] - position[other]
+    if period:
+        apart[:, 1] -= period * np.round(apart[:, 1] / period)
+    touching = (apart**2).sum(axis=1) < (radius[one] + radius[other]) ** 2
     count = np.bincount(np.concatenate([one[touching], other[touching]]), minlength=len(radius))
     columns = np.array([np.ones(len(count)), count, count == 0, count == 1], dtype=float)
-    return {"contacts": bins.sums(np.hypot(position[:, 0], position[:, 1]), position[:, 2], columns)}
+    return {"contacts": bins.sums(bins.grid.measure.across(*position[:, :2].T), position[:, 2], columns)}
 
 
 def coordination_arrays(segments: Sequence[Sums], bins: Bins) -> Arrays:

@@ -5,8 +5,14 @@ from __future__ import annotations
 from granpipe.case.schema import Case
 from granpipe.errors import CaseError
 
-EXPORTS = ("comsol", "vtk", "netcdf")
+EXPORTS = ("comsol", "vtk", "netcdf", "streamlines")
 """Formats that are made for x and z."""
+
+DUMP_FIELDS = ("particle_velocity", "size_classes", "residence_time", "strain_rate", "age")
+"""What of `homogenize.fields` dumps of a slab give: what needs every particle whole does not know where y ends."""
+
+FIELDS = (*DUMP_FIELDS, "wall_slip", "wall_pressure", "granular_temperature", "coordination", "mixing")
+"""What of it a run of a slab gives."""
 
 
 def check_plane(case: Case, by_dumps: bool = False) -> None:
@@ -35,8 +41,12 @@ def check_plane(case: Case, by_dumps: bool = False) -> None:
         raise CaseError("in a slab only psi is possible", ("homogenize", "method"))
     if others := [name for name in case.export if name not in EXPORTS]:
         raise CaseError(f"{others[0]} is made for r and z only; in a slab choose of {', '.join(EXPORTS)}", ("export",))
-    if fields := [name for name in case.homogenize.fields if name != "residence_time"]:
-        raise CaseError(f"{fields[0]} is summed on rings only; leave it out in a slab", ("homogenize", "fields"))
+    possible = DUMP_FIELDS if by_dumps else FIELDS
+    if fields := [name for name in case.homogenize.fields if name not in possible]:
+        source = "dumps of a slab" if by_dumps else "a slab"
+        raise CaseError(
+            f"{fields[0]} is not made of {source}; choose of {', '.join(possible)}", ("homogenize", "fields")
+        )
 
 
 def depth_note(case: Case) -> str:
