@@ -310,7 +310,8 @@ def slots(results: Path) -> Iterator[str]:
     yield ""
     yield "| slot | discharge | LIGGGHTS' counter | Beverloo | ratio |"
     yield "|---|---|---|---|---|"
-    for width in [one for one in SLOTS if (results / f"slot-{one}").exists()]:
+    there = [one for one in SLOTS if (results / f"slot-{one}").exists()]
+    for width in there:
         figures = figures_of(results / f"slot-{width}")
         found = figures["discharge"]
         law = figures["bulk_density_kg_per_m3"] * slot_flow(1.0, width * DIAMETER, DIAMETER)
@@ -319,6 +320,44 @@ def slots(results: Path) -> Iterator[str]:
             f"| {found['counted_kg_per_s']:.2f} kg/s | {law:.2f} kg/s | {found['kg_per_s'] / law:.3f} |"
         )
     yield ""
+    if len(there) > 2:
+        yield from fitted(results, there)
+
+
+def fitted(results: Path, widths: list[int]) -> Iterator[str]:
+    """C and k of W = C ρ_b √g L (w − k d)^1.5 from the runs: (W/(ρ_b √g L))^(2/3)/d is a straight line over w/d."""
+    reduced, errors = [], []
+    for width in widths:
+        figures = figures_of(results / f"slot-{width}")
+        found, density = figures["discharge"], figures["bulk_density_kg_per_m3"]
+        reduced.append((found["kg_per_s"] / (density * np.sqrt(9.81))) ** (2 / 3) / DIAMETER)
+        errors.append(2 / 3 * reduced[-1] * found["standard_error"] / found["kg_per_s"])
+    (slope, level), covariance = np.polyfit(widths, reduced, 1, w=1 / np.array(errors), cov="unscaled")
+    k = -level / slope
+    gradient = np.array([level / slope**2, -1 / slope])
+    k_error, slope_error = np.sqrt(gradient @ covariance @ gradient), np.sqrt(covariance[0, 0])
+    constant = slope**1.5
+    misfit = np.abs(slope * np.array(widths) + level - reduced) / errors
+    least = next(ratios(results, widths, constant=1.03, k=1.4))
+    with_k = ", ".join(f"{one:.2f}" for one in ratios(results, widths, constant=1.03, k=k))
+    constant_error = 1.5 * constant * slope_error / slope
+    yield f"Fit to these runs, C = {constant:.2f} ± {constant_error:.2f} and k = {k:.2f} ± {k_error:.2f}"
+    yield f"(standard errors); they lie within {misfit.max():.1f} standard errors of it. So the constant of the law"
+    yield "holds, and what falls short in narrow slots is its k of 1.4: the strip along either edge through which no"
+    yield "centre passes is wider, within the range of 1 to 2 that is in use. With this k the ratios above would be"
+    yield f"{with_k}. Round orifices of the same particle model give the same k within its error"
+    yield "([Beverloo](validation.md)), so it is no matter of the slice. granpipe keeps 1.4: the law sets limits of"
+    yield f"plate speeds, and what it takes for a tenth of free discharge is {0.1 / least:.1%} in the narrowest slot."
+    yield ""
+
+
+def ratios(results: Path, widths: list[int], constant: float, k: float) -> Iterator[float]:
+    """Discharge over that of a law."""
+    for width in widths:
+        figures = figures_of(results / f"slot-{width}")
+        reach = (width - k) * DIAMETER
+        law = constant * figures["bulk_density_kg_per_m3"] * np.sqrt(9.81) * reach**1.5
+        yield figures["discharge"]["kg_per_s"] / law
 
 
 if __name__ == "__main__":
