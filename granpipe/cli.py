@@ -124,6 +124,18 @@ class _Level(click.ParamType):  # type: ignore[type-arg]
         return _Quantity("length").convert(text, param, ctx)
 
 
+class _Cut(click.ParamType):  # type: ignore[type-arg]
+    """`x=0.1`: an axis and a place on it; the command gets it in metres."""
+
+    name = "axis=place"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, float]:
+        axis, sign, text = str(value).partition("=")
+        if axis.strip() not in ("x", "y", "z") or not sign:
+            self.fail(f"{value}: write it as x=PLACE, y=PLACE or z=PLACE, such as z=0.1 or z=10cm", param, ctx)
+        return axis.strip(), _Quantity("length").convert(text, param, ctx)
+
+
 class _Picture(click.ParamType):  # type: ignore[type-arg]
     """The file of a picture: matplotlib would take its kind from another ending, or add one."""
 
@@ -383,16 +395,20 @@ def scale(result: Path, flow: str, out: Path) -> None:
                    f"the field holds: {', '.join(_DRAWN_FIELDS)}.")  # fmt: skip
 @click.option("--profile", type=_Level(), metavar="z=HEIGHT",
               help="Draw the profile across a level instead, such as z=4.4 or z=440cm.")  # fmt: skip
+@click.option("--cut", type=_Cut(), metavar="AXIS=PLACE",
+              help="Draw the speed on a cut through a field in space instead, such as x=0 or z=10cm.")  # fmt: skip
 @click.option("--out", type=_Picture(), help="PNG file to write; default: named after RESULT, in the current folder.")
 @click.option("--show", is_flag=True, help="Open the picture with the viewer of the desktop.")
-def plot(result: Path, what: str, profile: float | None, out: Path | None, show: bool) -> None:
+def plot(
+    result: Path, what: str, profile: float | None, cut: tuple[str, float] | None, out: Path | None, show: bool
+) -> None:
     """Draw one picture of RESULT, at the flow rate of the process.
 
     RESULT is the results folder of a completed run or of homogenize.
     """
     from granpipe.pipeline.plot import plot_result
 
-    path = plot_result(result, what, profile, out)
+    path = plot_result(result, what, profile, out, cut)
     click.echo(f"picture in {path}")
     if show and click.launch(str(path)) != 0:
         click.echo(f"no viewer could be started; open {path} yourself", err=True)
@@ -404,17 +420,16 @@ def plot(result: Path, what: str, profile: float | None, out: Path | None, show:
 @click.option("--tolerance", type=_Quantity("number", positive=True), default="5 %", show_default=True,
               help="Largest difference at which two fields agree.")  # fmt: skip
 def compare(one: Path, other: Path, tolerance: float) -> None:
-    """Compare two fields, section by section.
+    """Compare two fields, section by section, in space third by third of the height.
 
     ONE and OTHER are results folders. Two fields agree where the 95 % upper bound of their difference, statistical
     noise removed, is within the tolerance.
     """
     from granpipe.analysis.compare import compare as compare_fields
-    from granpipe.analysis.compare import difference_table
+    from granpipe.analysis.compare import difference_table, thirds
     from granpipe.dem.sizes import size_classes
     from granpipe.field import Field
-    from granpipe.geometry.outline import Outline
-    from granpipe.pipeline.field_vessel import check_vessel
+    from granpipe.pipeline.field_vessel import check_case
     from granpipe.pipeline.provenance import verified_gates
     from granpipe.system.manifest import verify
 
@@ -423,9 +438,10 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     gates = {folder: verified_gates(folder) for folder in (one, other)}
     fields = Field.load(one / "field.npz"), Field.load(other / "field.npz")
     case = _read_result(one).case
-    check_vessel(fields[0], Outline.from_case(case), one / "field.npz")
+    check_case(fields[0], case, one / "field.npz")
+    levels = case.outline.levels if case.vessel is None else thirds(fields[0].grid)
     diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
-    click.echo(difference_table(compare_fields(*fields, case.outline.levels, diameter), tolerance))
+    click.echo(difference_table(compare_fields(*fields, levels, diameter), tolerance))
     for folder, known in gates.items():
         _tell(f"{folder}: quality gate failed: {gate}" for gate in known if not gate.passed)
 

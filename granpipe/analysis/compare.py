@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from math import sqrt
 
 import numpy as np
 
 from granpipe.errors import DataError
-from granpipe.field import Array, Field, Mask, cell_squares, section_rows
+from granpipe.field import Array, Box, Field, Grid, Mask, cell_squares, section_rows
 
 ONE_SIDED_95 = 1.645
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of two fields over some cells, relative to the first: E = √(Σ A |δU|² / Σ A |U|²), A ring areas.
+    """Difference of two fields over some cells, relative to the first: E = √(Σ A |δU|² / Σ A |U|²).
+
+    A are areas of rings; in space they are all the same.
 
     Parameters
     ----------
@@ -44,7 +47,7 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
     """Differences over the whole and over each section, bulk cells of both only.
 
     The bound takes the cells' errors as correlated over one particle diameter: a sum over n cells varies like one over
-    n (h/d)² independent ones. Bulk velocities at the flow rate of each case are compared.
+    n (h/d)² independent ones, in space n (h/d)³. Bulk velocities at the flow rate of each case are compared.
 
     Parameters
     ----------
@@ -57,15 +60,17 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
     DataError : the fields have different grids, or no bulk in common
     """
     grid = one.grid
-    if grid.shape != other.grid.shape or not np.allclose(grid.z_edges, other.grid.z_edges):
+    if len(grid.shape) != len(other.grid.shape):
+        raise DataError("one of the fields is in space, the other is not; compare two of a kind")
+    if grid.shape != other.grid.shape or not _same_edges(grid, other.grid):
         raise DataError(
-            f"the grids differ ({grid.shape[0]} × {grid.shape[1]} cells of {grid.cell:g} m and {other.grid.shape[0]} × "
-            f"{other.grid.shape[1]} of {other.grid.cell:g} m); set the same homogenize.cell in both cases"
+            f"the grids differ ({_described(grid)} and {_described(other.grid)}); set the same homogenize.cell in both "
+            "cases"
         )
     if not (one.bulk & other.bulk).any():
         raise DataError("the fields have no cell in common in which solids flow or rest; there is nothing to compare")
     cells = Cells.of(one, other)
-    shared = max(1.0, (diameter / grid.cell) ** 2)
+    shared = max(1.0, (diameter / grid.cell) ** len(grid.shape))
     return [cells.compare(name, rows, shared) for name, rows in section_rows(grid, levels).items()]
 
 
@@ -80,7 +85,9 @@ def difference_table(found: Iterable[Difference], tolerance: float) -> str:
 
 @dataclass(frozen=True)
 class Cells:
-    """(nz, nr) squares at the middle of each cell [m²/s²]: of the first field, of the difference, of its error."""
+    """Squares at the middle of each cell [m²/s²], (nz, nr) or (nz, ny, nx): of the first field, of the difference, of
+    its error.
+    """
 
     weight: Array
     field: Array
@@ -92,8 +99,8 @@ class Cells:
         a, b = one.velocity_scale, other.velocity_scale
         return cls(
             weight=np.where(one.bulk & other.bulk, one.grid.ring_area, 0.0),
-            field=cell_squares(one.flux_r * a, one.flux_z * a),
-            apart=cell_squares(one.flux_r * a - other.flux_r * b, one.flux_z * a - other.flux_z * b),
+            field=_squares(*(a * flux for flux in _fluxes(one))),
+            apart=_squares(*(a * flux - b * its for flux, its in zip(_fluxes(one), _fluxes(other), strict=True))),
             variance=error_squares(one) + error_squares(other),
         )
 
@@ -114,8 +121,39 @@ class Cells:
 
 
 def error_squares(field: Field) -> Array:
-    """(nz, nr) squared standard error of the bulk velocity; neighbouring faces share their particles, so no less."""
-    if field.flux_r_se is None or field.flux_z_se is None:
+    """Squared standard error of the bulk velocity in each cell; faces beside it share their particles, so no less."""
+    errors = [field.flux_r_se, field.flux_z_se, *([] if field.flux_y is None else [field.flux_y_se])]
+    known = [error * field.velocity_scale for error in errors if error is not None]
+    if len(known) < len(errors):
         return np.zeros(field.grid.shape)
-    squares = cell_squares(field.flux_r_se * field.velocity_scale, field.flux_z_se * field.velocity_scale)
-    return np.nan_to_num(squares, nan=0.0)
+    return np.nan_to_num(_squares(*known), nan=0.0)
+
+
+def thirds(grid: Grid) -> dict[str, tuple[float, float]]:
+    """Upper, middle and lower third of a grid's height: upper and lower level of each [m]."""
+    levels = np.linspace(grid.z_edges[-1], grid.z_edges[0], 4).tolist()
+    return dict(zip(("upper third", "middle third", "lower third"), pairwise(levels), strict=True))
+
+
+def _fluxes(field: Field) -> tuple[Array, ...]:
+    """Along r and z, and in space along y."""
+    return field.flux_r, field.flux_z, *(() if field.flux_y is None else (field.flux_y,))
+
+
+def _squares(r: Array, z: Array, y: Array | None = None) -> Array:
+    """Square of a vector in the middle of each cell, from its components on the faces."""
+    if y is None:
+        return cell_squares(r, z)
+    middles = 0.5 * (r[..., 1:] + r[..., :-1]), 0.5 * (y[:, 1:] + y[:, :-1]), 0.5 * (z[1:] + z[:-1])
+    return np.asarray(sum(one**2 for one in middles))
+
+
+def _same_edges(one: Grid, other: Grid) -> bool:
+    pairs = [(one.z_edges, other.z_edges)]
+    if isinstance(one, Box) and isinstance(other, Box) and not one.flat:
+        pairs = list(zip(one.lines, other.lines, strict=True))
+    return all(np.allclose(a, b, atol=1e-6 * one.cell) for a, b in pairs)
+
+
+def _described(grid: Grid) -> str:
+    return f"{' × '.join(map(str, grid.shape))} cells of {grid.cell:g} m"

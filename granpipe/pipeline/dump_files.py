@@ -83,10 +83,10 @@ def _write_plane(field: Field, case: Case | None, folder: Path) -> None:
 def _write_space(field: Field, folder: Path) -> None:
     """Write the files of a field in space."""
     from granpipe.export.space import write_text, write_vtr
-    from granpipe.export.space_pictures import space_figure
+    from granpipe.export.space_pictures import write_space_figure
 
     (folder / "figures").mkdir()
-    space_figure(field, "flow in space, averaged from dumps", folder / "figures" / "space_w.png")
+    write_space_figure(field, "flow in space, averaged from dumps", folder / "figures" / "space_w.png")
     write_vtr(field, folder / "field.vtr")
     (folder / "comsol").mkdir()
     write_text(field, folder / "comsol", name="homogenized", date=datetime.now().astimezone())

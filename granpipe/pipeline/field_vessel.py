@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from granpipe.case.schema import Case
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, Grid
 from granpipe.geometry.outline import Outline
@@ -33,6 +34,20 @@ def check_vessel(field: Field, outline: Outline, path: Path) -> None:
     else:
         found = other_vessel(field, outline)
     if found:
+        raise DataError(f"{path} is not the field of the case beside it: {found}; run the case again")
+
+
+def check_case(field: Field, case: Case, path: Path) -> None:
+    """Make sure that a field read from `path` is one of this case; of one in space only that it is in space.
+
+    Raises
+    ------
+    DataError : it is the field of another one
+    """
+    if case.vessel is None:
+        check_vessel(field, Outline.from_case(case), path)
+    elif len(field.grid.shape) != 3:
+        found = f"it is one in {kind_of(field.grid)}"
         raise DataError(f"{path} is not the field of the case beside it: {found}; run the case again")
 
 

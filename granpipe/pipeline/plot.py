@@ -12,7 +12,7 @@ from granpipe.case.schema import Case
 from granpipe.errors import DataError, RunError
 from granpipe.field import Field
 from granpipe.geometry.outline import Outline
-from granpipe.pipeline.field_vessel import check_vessel
+from granpipe.pipeline.field_vessel import check_case, kind_of
 from granpipe.system.manifest import MANIFEST, read_manifest, verify
 
 
@@ -37,7 +37,9 @@ class DrawnVessel:
         return cls(outline.wall.tolist(), obstacles, case.outline.levels, case.name, outline.left_wall)
 
 
-def plot_result(folder: Path, what: str, z: float | None, out: Path | None) -> Path:
+def plot_result(
+    folder: Path, what: str, z: float | None, out: Path | None, cut: tuple[str, float] | None = None
+) -> Path:
     """Draw one picture of a results folder into a new PNG file; return the file.
 
     Parameters
@@ -45,6 +47,7 @@ def plot_result(folder: Path, what: str, z: float | None, out: Path | None) -> P
     what : ``overview``, or one of `granpipe.export.pictures.PANELS`
     z : draw the profile across this level [m] instead
     out : the file; unless given, ``<folder>-<what>.png`` in the current folder
+    cut : draw the cut of a field in space across this axis at this place [m] instead
 
     Raises
     ------
@@ -52,11 +55,28 @@ def plot_result(folder: Path, what: str, z: float | None, out: Path | None) -> P
     RunError : the file exists
     """
     field, case = _opened(folder)
-    path = out or Path(f"{folder.resolve().name}-{what if z is None else f'profile-z{z:g}'}.png")
+    named = what if z is None else f"profile-z{z:g}"
+    if cut is not None:
+        named = f"cut-{cut[0]}{cut[1]:g}"
+    path = out or Path(f"{folder.resolve().name}-{named}.png")
     if path.exists():
         raise RunError(f"{path} exists; move it away or choose another --out")
-    _figure(field, DrawnVessel.of(field, case), what, z).savefig(path, dpi=200)
+    if len(field.grid.shape) == 3:
+        figure = _space_figure(field, case.name if case else folder.resolve().name, what, z, cut)
+    elif cut is not None:
+        raise DataError(f"{folder}: cuts are drawn through fields in space; this one lies in {kind_of(field.grid)}")
+    else:
+        figure = _figure(field, DrawnVessel.of(field, case), what, z)
+    figure.savefig(path, dpi=200)
     return path
+
+
+def _space_figure(field: Field, name: str, what: str, z: float | None, cut: tuple[str, float] | None) -> Any:
+    from granpipe.export.space_pictures import cut_figure, space_figure
+
+    if z is not None or what != "overview":
+        raise DataError("of a field in space the overview is drawn, or a cut: --cut z=0.1 (or x=, y=)")
+    return space_figure(field, name) if cut is None else cut_figure(field, *cut, name)
 
 
 def _opened(folder: Path) -> tuple[Field, Case | None]:
@@ -64,11 +84,9 @@ def _opened(folder: Path) -> tuple[Field, Case | None]:
     if (folder / MANIFEST).exists():
         verify(folder, *(name for name in known if name in read_manifest(folder)))
     field = Field.load(folder / "field.npz")
-    if len(field.grid.shape) == 3:
-        raise DataError(f"{folder}: a field in space is not drawn on a plane; open field.vtr in ParaView")
     case = read_case(folder / "case.yaml").case if (folder / "case.yaml").exists() else None
     if case is not None:
-        check_vessel(field, Outline.from_case(case), folder / "field.npz")
+        check_case(field, case, folder / "field.npz")
     return field, case
 
 

@@ -228,9 +228,9 @@ def _figures(folder: Path, plan: Plan, made: ModelResult, note: Callable[[str], 
     if plan.case.figures:
         (folder / "figures").mkdir()
     if "rz" in plan.case.figures and plan.space is not None:
-        from granpipe.export.space_pictures import space_figure
+        from granpipe.export.space_pictures import write_space_figure
 
-        space_figure(made.field, plan.case.name, folder / "figures" / "space_w.png")
+        write_space_figure(made.field, plan.case.name, folder / "figures" / "space_w.png")
     elif "rz" in plan.case.figures:
         from granpipe.export.pictures import rz_figures
         from granpipe.export.profiles import profile_figures, section_profiles

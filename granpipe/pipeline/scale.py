@@ -14,11 +14,12 @@ from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
-from granpipe.pipeline.exports import write_exports
-from granpipe.pipeline.field_vessel import check_vessel
+from granpipe.pipeline.exports import write_exports, write_space_exports
+from granpipe.pipeline.field_vessel import check_case
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.provenance import verified_gates
 from granpipe.planning.flow import check_flow_rate, target_flow
+from granpipe.planning.space import check_space_flow, space_vessel
 from granpipe.system.jsonfile import write_json
 from granpipe.system.manifest import verify
 from granpipe.system.publish import publishing_new
@@ -58,14 +59,17 @@ def scale_results(source: Path, case: Case, target: Path) -> Scaled:
         raise DataError(
             f"{source / 'field.npz'}: a flow of {field.bulk_flow:g} m³/s cannot be scaled; one downwards can, above 0"
         )
-    outline = Outline.from_case(case)
-    check_vessel(field, outline, source / "field.npz")
-    notes = check_flow_rate(case, outline, find_openings(outline), packing)
+    check_case(field, case, source / "field.npz")
+    if case.vessel is None:
+        outline = Outline.from_case(case)
+        notes = check_flow_rate(case, outline, find_openings(outline), packing)
+    else:
+        notes = check_space_flow(case, space_vessel(case), packing)
     scaled = replace(field, flow_scale=target_flow(case, packing) / field.bulk_flow)
     with publishing_new(target) as folder:
         (folder / "case.yaml").write_text(case.to_yaml())
         scaled.save(folder / "field.npz")
-        write_exports(scaled, case, folder)
+        (write_exports if case.vessel is None else write_space_exports)(scaled, case, folder)
         provenance = {
             "made": datetime.now().astimezone().isoformat(timespec="seconds"),
             "granpipe": __version__,

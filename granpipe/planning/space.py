@@ -131,8 +131,12 @@ def space_grid(case: Case, vessel: SpaceVessel) -> Box:
     return Box.within(ends[0], ends[1], ends[2], size, flat=False, cut=True)
 
 
-def check_space_flow(case: Case, vessel: SpaceVessel) -> tuple[str, ...]:
+def check_space_flow(case: Case, vessel: SpaceVessel, packing: float | None = None) -> tuple[str, ...]:
     """What the user should keep in mind of the flow rate, each outlet with its share of it.
+
+    Parameters
+    ----------
+    packing : packing fraction of the bulk, where it is known better than by the case
 
     Raises
     ------
@@ -143,7 +147,7 @@ def check_space_flow(case: Case, vessel: SpaceVessel) -> tuple[str, ...]:
         FreeFlow(opening.name, free_flow(opening, particle) / outlet.load)
         for opening, outlet in zip(vessel.openings, vessel.outlets, strict=True)
     ]
-    return against_free_flow(case, min(free, key=lambda one: one.bulk))
+    return against_free_flow(case, min(free, key=lambda one: one.bulk), packing)
 
 
 def outlet_decisions(vessel: SpaceVessel, plate_speed: float) -> list[Decision]:
