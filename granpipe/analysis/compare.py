@@ -62,10 +62,17 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
     grid = one.grid
     if len(grid.shape) != len(other.grid.shape):
         raise DataError("one of the fields is in space, the other is not; compare two of a kind")
+    if grid.measure.axial != other.grid.measure.axial:
+        raise DataError("one field is that of a body of revolution, the other is not; compare two of a kind")
     if grid.shape != other.grid.shape or not _same_edges(grid, other.grid):
         raise DataError(
             f"the grids differ ({_described(grid)} and {_described(other.grid)}); set the same homogenize.cell in both "
             "cases"
+        )
+    if not np.allclose(grid.r_edges, other.grid.r_edges, rtol=0, atol=1e-6 * grid.cell):
+        ends = (f"{edges[0]:.4g} … {edges[-1]:.4g} m" for edges in (grid.r_edges, other.grid.r_edges))
+        raise DataError(
+            f"the fields lie at different {grid.measure.letter}: {' and '.join(ends)}; these are two vessels"
         )
     if not (one.bulk & other.bulk).any():
         raise DataError("the fields have no cell in common in which solids flow or rest; there is nothing to compare")

@@ -144,4 +144,5 @@ def _area(field: Field, cells: Mask, z_range: tuple[float, float]) -> float:
     """Area of some cells inside the outline, those counted whose middles lie between two levels."""
     z = field.grid.z_centres
     rows = (z > z_range[0]) & (z < z_range[1])
-    return float((field.inside_fraction * cells)[rows].sum()) * field.grid.cell**2
+    grid = field.grid
+    return float((field.inside_fraction * cells)[rows].sum()) * grid.cell * float(grid.r_edges[1] - grid.r_edges[0])

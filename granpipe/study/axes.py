@@ -28,6 +28,9 @@ RESERVOIRS = (0.5, 2.0)
 FACETS = (0.5, 2.0)
 """Facets of the wall per turn over those of the case."""
 
+THICKNESSES = (0.5, 1.5)
+"""Thicknesses of the slice of a slab over that of the case."""
+
 _OTHER = 1000  # apart from the seeds of replicas
 
 BASE = "base"
@@ -43,6 +46,7 @@ _KEYS = {
     "time_step": "dem.time_step",
     "reservoir_height": "dem.reservoir_height",
     "facets": "dem.facets",
+    "thickness": "dem.thickness",
     "plate_speed": "dem.plate_speed",
     "replicas": "dem.replicas",
     "seed": "dem.seed",
@@ -61,7 +65,8 @@ class Basis:
     time_step : [s]
     plate_speed : [m/s]; 0 where the outlet is open
     reservoir_height : [m]
-    facets : of the wall per turn
+    facets : of the wall per turn; 0 in a slab
+    thickness : of the slice of a slab [m]; 0 of a body of revolution
     model : dem, hybrid or fluid
     models : which of these the scene allows
     cores : that a point may keep busy
@@ -77,6 +82,7 @@ class Basis:
     models: tuple[str, ...]
     cores: int = 1
     max_time: float = 0.0
+    thickness: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -177,10 +183,13 @@ def _usual(case: Case, basis: Basis) -> dict[str, list[str]]:
         "youngs_modulus": [_text(factor * basis.youngs_modulus) for factor in STIFFNESSES],
         "time_step": [_text(factor * basis.time_step) for factor in STEPS],
         "reservoir_height": [_text(factor * basis.reservoir_height) for factor in RESERVOIRS],
-        "facets": [str(4 * round(factor * basis.facets / 4)) for factor in FACETS],
         "replicas": ["2"],
         "seed": [str(case.dem.seed + _OTHER)],
     }
+    if basis.facets:
+        found["facets"] = [str(4 * round(factor * basis.facets / 4)) for factor in FACETS]
+    if basis.thickness:
+        found["thickness"] = [_text(factor * basis.thickness) for factor in THICKNESSES]
     if basis.plate_speed > 0:
         found["plate_speed"] = [_text(factor * basis.plate_speed) for factor in SPEEDS]
     if basis.cores > 1:

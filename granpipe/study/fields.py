@@ -49,7 +49,8 @@ class Method:
 
 
 PSI = Method("psi")
-METHODS = (PSI, Method("psi", 2), Method("psi", 4), Method("gaussian"), Method("rows"), Method("raw"))
+RAW = Method("raw")
+METHODS = (PSI, Method("psi", 2), Method("psi", 4), Method("gaussian"), Method("rows"), RAW)
 """`rows` is the Gaussian method without smoothing, `raw` the plain average."""
 
 
@@ -236,6 +237,7 @@ def _repeated(values: NDArray[Any], times: int, shape: tuple[int, ...]) -> NDArr
 
 
 def methods_of(finished: FinishedRun) -> Iterator[Method]:
-    """Methods that this point's cells allow."""
-    rows = finished.plan.grid.shape[0]
-    return (method for method in METHODS if rows % method.joined == 0)
+    """Methods that this point's cells allow; in a slab those of the vessel's own cells that need no rows of rings."""
+    grid = finished.plan.grid
+    methods = METHODS if grid.measure.axial else (PSI, RAW)
+    return (method for method in methods if grid.shape[0] % method.joined == 0)

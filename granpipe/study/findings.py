@@ -403,11 +403,9 @@ class Comparison:
 
     def _travel(self, finished: FinishedRun, end: float) -> float:
         averaged = sum(sums.duration for sums in finished.until(end))
-        outline, speed = (
-            finished.plan.outline,
-            finished.plan.dem.inlet_speed,
-        )  # at the outlet by continuity
-        return averaged * speed * outline.inlet_radius**2 / (2 * outline.outlet_radius**3)
+        outline, speed = finished.plan.outline, finished.plan.dem.inlet_speed
+        at_outlet = speed * outline.inlet_area / outline.outlet_area
+        return averaged * at_outlet / outline.outlet_width
 
     def _spread(self, scene: Scene) -> dict[str, float]:
         """Differences of the measures between halves of the reference: their uncertainty."""

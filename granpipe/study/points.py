@@ -91,15 +91,13 @@ def make_study(
     rates : of this machine, where they are known
     inputs : what is known as a range: the case is run at both ends as well
     """
-    if case.outline.symmetry == "plane":
-        raise CaseError("a study is made of bodies of revolution only; vary a slab by a sweep", ("outline", "symmetry"))
     if case.dem.walls == "set_back":
         raise CaseError(
             "a study tells errors of size between walls as drawn: set as_drawn; compare walls by `granpipe compare`",
             ("dem", "walls"),
         )
     if case.vessel is not None:
-        raise CaseError("a study is made of bodies of revolution only; vary a vessel in space by a sweep", ("vessel",))
+        raise CaseError("a study is made of outlines only; vary a vessel in space by a sweep", ("vessel",))
     plans = model_plans(case)
     basis = replace(_basis(case, plans), cores=cores)
     settled = _settled(case, basis)
@@ -130,13 +128,14 @@ def _basis(case: Case, plans: Mapping[Model, Plan | CaseError]) -> Basis:
     particles = plans["dem"]
     if not isinstance(particles, Plan):
         return Basis(0.0, 0.0, 0.0, 0.0, 0, chosen.model, possible)
-    dem = particles.dem
+    dem, measure = particles.dem, particles.outline.measure
     return Basis(
         youngs_modulus=dem.youngs_modulus,
         time_step=dem.time_step,
         plate_speed=dem.plate_speed,
         reservoir_height=0.5 * (dem.feed_bottom + dem.feed_top) - particles.outline.z_top,
-        facets=Turn.within(particles.outline.r_max, dem.classes.sauter_diameter).facets,
+        facets=Turn.within(particles.outline.r_max, dem.classes.sauter_diameter).facets if measure.axial else 0,
+        thickness=0.0 if measure.axial else measure.turn,
         model=chosen.model,
         models=possible,
         max_time=dem.length.time,

@@ -34,7 +34,7 @@ class Measures:
     edge : (n, 2) points on free surfaces and round cavities [m]
     void, stagnant : areas in the r–z section [m²]
     residence : part of the flow → time within which it has passed [s]; empty without a stream function
-    temperature : of the stated problem; None without a stream function
+    temperature : of the stated problem, which has an axis; None without a stream function, and in a slab
     """
 
     edge: Array
@@ -83,7 +83,7 @@ class Scene:
         )
 
     def _temperature(self, field: Field) -> Temperature | None:
-        if field.psi is None:
+        if field.psi is None or not field.grid.measure.axial:
             return None
         if self._mesh is None:
             outline = self._outline

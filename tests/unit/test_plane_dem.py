@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from granpipe.case.reader import resolve
+from granpipe.case.reader import resolve, varied
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
 from granpipe.dem.deck import Deck, make_deck, render
@@ -110,10 +110,15 @@ def test_a_round_vessel_has_no_thickness():
     assert told.value.key == ("dem", "thickness")
 
 
-def test_a_study_of_a_slab_is_refused():
-    with pytest.raises(CaseError, match="bodies of revolution only") as told:
-        make_study(slab(), hours=1, cores=1)
-    assert told.value.key == ("outline", "symmetry")
+def test_a_study_of_a_slab_varies_the_thickness_of_its_slice_and_no_facets():
+    study = make_study(slab(), hours=100, cores=1)
+    axes = {one.axis for one in study.variants}
+    assert {"", "thickness", "coarse_grain_factor", "plate_speed", "youngs_modulus", "seed"} <= axes
+    assert "facets" not in axes
+    slices = [one.variant.changes["dem.thickness"] for one in study.variants if one.axis == "thickness"]
+    assert [float(one) for one in slices] == pytest.approx([4 * DIAMETER, 12 * DIAMETER])
+    grids = [make_plan(varied(study.case, one.variant.changes)).grid for one in study.variants]
+    assert {grid.shape for grid in grids} == {grids[0].shape}  # compared cell by cell
 
 
 def test_a_thin_slice_and_a_shallow_vessel_are_marked():

@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 from fakes.spheres import Spheres
 
+from granpipe.analysis.compare import compare
+from granpipe.analysis.residence_time import residence_time
 from granpipe.analysis.strain_rate import shear_rate, strain_rate
 from granpipe.analysis.streamlines import age, streamlines
-from granpipe.field import Array, Box, Field, Measure, flux_from_psi
+from granpipe.analysis.surfaces import stagnant_area, void_area
+from granpipe.errors import DataError
+from granpipe.field import Array, Box, Field, Grid, Measure, flux_from_psi
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.wall_pieces import WallPieces
 from granpipe.homogenize.average import Collector, Sums
@@ -222,3 +226,37 @@ def test_the_pressure_of_an_even_push_on_both_walls_is_that_push():
     force = pressure * found.area[:, None] * (inward + 0.3 * along)
     arrays = wall_pressure_arrays([segment_of(wall_forces(found, point, force))], found)
     np.testing.assert_allclose(arrays["wall_pressure"], pressure)
+
+
+# --- studies and comparisons ------------------------------------------------------------------------------------------
+
+
+def test_slices_of_two_thicknesses_with_one_flow_are_no_different():
+    """A point of a study has a slice of its own; velocities are those at the flow rate of the case."""
+    thin = sheared()
+    thick = replace(thin, grid=GRID.of_slice(Measure(3 * DEEP, False)), bulk_flow=3 * thin.bulk_flow)
+    (whole,) = compare(replace(thin, flow_scale=3.0), replace(thick, flow_scale=3.0), {}, DIAMETER)
+    assert whole.observed == 0
+    assert residence_time(thick).quantile(0.5) == pytest.approx(residence_time(thin).quantile(0.5))
+
+
+def test_fields_at_another_x_or_about_an_axis_are_not_compared():
+    field = sheared()
+    moved = replace(field, grid=replace(GRID, r_edges=GRID.r_edges + 0.01))
+    with pytest.raises(DataError, match=r"lie at different x: -0\.11 … 0\.19 m and -0\.1 … 0\.2 m"):
+        compare(field, moved, {}, DIAMETER)
+    rings = replace(field, grid=Grid(0.005 * np.arange(61.0), GRID.z_edges))
+    with pytest.raises(DataError, match="of a body of revolution"):
+        compare(field, rings, {}, DIAMETER)
+
+
+def test_area_at_rest_is_that_of_its_cells_though_they_are_no_squares():
+    uneven = replace(GRID, r_edges=np.linspace(LEFT, RIGHT, 51))
+    x = np.tile(uneven.r_edges, (len(uneven.z_edges), 1))
+    psi = -0.6 * np.maximum(x - 0.04, 0.0)  # all left of x = 0.04 m is at rest
+    inside = np.ones(uneven.shape)
+    field = Field(uneven, inside, inside > 0, *flux_from_psi(psi, uneven), 0.15 * DEEP, 0.6, 1.0, psi=psi)
+    assert stagnant_area(field, (0.0, HIGH)) == pytest.approx(0.15 * HIGH, rel=0.05)
+    assert void_area(replace(field, bulk=uneven.r_centres + 0 * inside > 0.04), (0.0, HIGH)) == pytest.approx(
+        0.15 * HIGH
+    )
