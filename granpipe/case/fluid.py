@@ -22,7 +22,8 @@ class Fluid(Group):
     rheology: Annotated[Rheology, OneOf(Rheology)] = Field(
         default="viscous",
         description="The article's viscous fluid, whose walls move at a wall factor; or one with the friction of a "
-        "bulk solid, which makes stagnant zones and wall layers by itself and knows free surfaces.",
+        "bulk solid, which makes stagnant zones and wall layers by itself and knows free surfaces. In a hybrid the "
+        "viscous one follows the particles by a force, the frictional one is joined to them in the margins.",
     )
     order: Annotated[int, Whole(2, 4)] = Field(default=2, description="Polynomial order of the velocity.")
     walls: Annotated[Walls, OneOf(Walls)] = Field(
@@ -46,13 +47,14 @@ class Fluid(Group):
     )
     force_factor: Annotated[float, Quantity(above=0, at_most=1e14)] = Field(
         default=1e5,
-        description="K of the hybrid's volume force, in units of viscosity over the outlet radius squared.",
+        description="K of the volume force of a hybrid with a viscous fluid, in units of viscosity over the outlet "
+        "radius squared.",
     )
 
     @model_validator(mode="after")
     def _consistent(self) -> Fluid:
         if self.rheology == "frictional":
-            for key in ("order", "walls", "solids", "known_field"):
+            for key in ("order", "walls", "solids", "force_factor"):
                 if key in self.model_fields_set and getattr(self, key) != type(self).model_fields[key].default:
                     refuse("belongs to rheology: viscous; leave it out", (key,))
         if (self.outlet_profile == "annular") != (self.annulus is not None):

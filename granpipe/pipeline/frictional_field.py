@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.section import mesh_section
 from granpipe.pipeline.fluid_field import flow_gates, solve_figures
-from granpipe.pipeline.gates import FEWEST_DIAMETERS, MESH, REGULARIZATION, TENSION, breach_gates
+from granpipe.pipeline.gates import FEWEST_DIAMETERS, MESH, REGULARIZATION, TENSION, Gate, breach_gates
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.planning.bulk_friction import BulkFriction
 from granpipe.planning.flow import target_flow
@@ -46,34 +47,67 @@ class Solved:
     friction: FrictionSolution
 
 
-def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
-    """Solve for the flow rate of the case, and again with other friction, surfaces, regularization and mesh.
+@dataclass(frozen=True)
+class Assessment:
+    """How much the field of a frictional fluid depends on what it goes by.
 
-    `sensitivity` of the field is what the first two change, the larger of either way. It is no noise.
+    Parameters
+    ----------
+    sensitivity : (nz, nr) change of the bulk velocity with friction and surfaces [m/s], the larger of either way; no
+        noise
     """
-    solved = solve_plan(plan, friction)
-    field = solved.field
-    diameter = size_classes(plan.case.material.size).sauter_diameter
+
+    sensitivity: Array
+    gates: tuple[Gate, ...]
+    figures: dict[str, Any]
+    notes: tuple[str, ...]
+
+
+def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
+    """Solve for the flow rate of the case, and again with other friction, surfaces, regularization and mesh."""
+    packing = plan.case.material.packing
+    assert packing is not None  # the plan of a fluid refuses a case without bulk density
+    solved = solve_plan(plan, friction, packing)
+    told = assess(plan, friction, solved)
+    field = replace(solved.field, extra={"sensitivity": told.sensitivity})
+    gates = (*flow_gates(plan, field, solved.solution), *told.gates, *breach_gates(plan.breaches))
+    vessel = _within(solved.solution, plan)
+    return ModelResult(field=field, gates=gates, figures=told.figures, solution=vessel, notes=told.notes)
+
+
+def assess(
+    plan: Plan, friction: BulkFriction, solved: Solved, followed: Sequence[tuple[float, float]] = ()
+) -> Assessment:
+    """Solve again with other friction, surfaces, regularization and mesh.
+
+    Parameters
+    ----------
+    followed : lower and upper ends of what a hybrid follows [m], where changes of the fluid do not count
+    """
+
+    def own(z: Array) -> Mask:
+        return np.asarray(np.all([np.ones(len(z), bool), *((z < low) | (z > high) for low, high in followed)], axis=0))
+
+    field = replace(solved.field, bulk=solved.field.bulk & own(plan.grid.z_centres)[:, None])
+    packing, diameter = field.bulk_packing, size_classes(plan.case.material.size).sauter_diameter
     others: dict[str, list[Field]] = {}
     notes = [f"{one.name} = {one.value}: {one.criterion}" for one in friction.decisions()]
     for name, changed in _changed(plan, friction):
         try:
-            others.setdefault(name, []).append(solve_plan(plan, changed).field)
+            others.setdefault(name, []).append(solve_plan(plan, changed, packing).field)
         except GranpipeError as error:
             notes.append(f"{name}, one way, was not tried: {error}")
     sensitivity = {name: max(_difference(field, one, diameter) for one in found) for name, found in others.items()}
-    twice = solve_plan(plan, friction, 2 * FrictionLaw.regularization).field
+    twice = solve_plan(plan, friction, packing, 2 * FrictionLaw.regularization).field
     dependence = _difference(field, twice, diameter)
-    by_mesh = _difference(field, solve_plan(plan, friction, cells_across=COARSE_CELLS).field, diameter)
-    field = replace(field, extra={"sensitivity": _changes(field, others.values())})
-    narrowest = min(opening.gap for opening in find_openings(plan.outline)) / diameter
+    by_mesh = _difference(field, solve_plan(plan, friction, packing, cells_across=COARSE_CELLS).field, diameter)
+    openings = find_openings(plan.outline)
+    gaps = np.array([opening.gap for opening in openings])[own(np.array([opening.z for opening in openings]))]
     gates = (
-        *flow_gates(plan, field, solved.solution),
         TENSION.gate(solved.friction.tension),
         REGULARIZATION.gate(dependence),
         MESH.gate(by_mesh),
-        FEWEST_DIAMETERS.gate(narrowest),
-        *breach_gates(plan.breaches),
+        *([FEWEST_DIAMETERS.gate(gaps.min() / diameter)] if gaps.size else []),
     )
     figures = solve_figures(solved.solution) | {
         "steps": solved.friction.steps,
@@ -83,8 +117,7 @@ def frictional_field(plan: Plan, friction: BulkFriction) -> ModelResult:
         "mesh": by_mesh,
     }
     notes += [f"{name} changes the field by {value:.1%}" for name, value in sensitivity.items()]
-    vessel = _within(solved.solution, plan)
-    return ModelResult(field=field, gates=gates, figures=figures, solution=vessel, notes=tuple(notes))
+    return Assessment(_changes(field, others.values()), gates, figures, tuple(notes))
 
 
 def _changed(plan: Plan, friction: BulkFriction) -> Iterator[tuple[str, BulkFriction]]:
@@ -106,13 +139,12 @@ def _within(solution: FluidSolution, plan: Plan) -> FluidSolution:
 def solve_plan(
     plan: Plan,
     friction: BulkFriction,
+    packing: float,
     regularization: float = FrictionLaw.regularization,
     cells_across: float = CELLS_ACROSS,
 ) -> Solved:
-    """The fluid of a plan with some friction; what is void is not bulk."""
+    """The fluid of a plan with some friction and φ_ref; what is void is not bulk."""
     case = plan.case
-    packing = case.material.packing
-    assert packing is not None  # the plan of a fluid refuses a case without bulk density
     classes = size_classes(case.material.size)
     law = FrictionLaw(friction.internal, friction.wall, LENGTH * classes.sauter_diameter, regularization)
     empty = voids(plan.outline, friction.repose)

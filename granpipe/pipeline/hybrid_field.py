@@ -1,23 +1,34 @@
 """The hybrid route: DEM of the sections that need it, and a fluid of the whole vessel that follows it there.
 
-Sparta & Halvorsen (2017), their equations (3) and (4). The sub-models' grids are rows of the vessel's own grid, so that
-their stream functions are put together without interpolation.
+A viscous fluid is made to follow by a volume force: Sparta & Halvorsen (2017), their equations (3) and (4). A
+frictional fluid is left alone, because the force would carry the weight on which friction depends: its stream function
+and that of the particles are joined in the margins, where both describe the same flow. The sub-models' grids are rows
+of the vessel's own grid, so that their stream functions are put together without interpolation.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from granpipe.errors import CaseError
-from granpipe.field import Array, Field, Mask, cell_squares
-from granpipe.fluid.fictitious import solve_fluid, to_field
+from granpipe.field import Array, Field, Mask, cell_squares, flux_from_psi
+from granpipe.fluid.fictitious import FluidSolution, solve_fluid, to_field
 from granpipe.fluid.forcing import KnownFlow
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_field import simulated_field
-from granpipe.pipeline.fluid_field import fluid_gates, section_mesh, solve_figures, wall_factor_notes, wall_law
+from granpipe.pipeline.fluid_field import (
+    flow_gates,
+    fluid_gates,
+    section_mesh,
+    solve_figures,
+    wall_factor_notes,
+    wall_law,
+)
+from granpipe.pipeline.frictional_field import assess, solve_plan
 from granpipe.pipeline.gates import FOLLOWED, SEAM, Gate, breach_gates
 from granpipe.pipeline.known_field import known_results
 from granpipe.pipeline.model_result import ModelResult
@@ -50,28 +61,82 @@ def hybrid_field(plan: Plan, context: Context) -> ModelResult:
     context.progress.stage("fluid")
     packing = float(np.mean([made.field.bulk_packing for _, made in followed]))
     known = known_flow(plan, followed)
-    inside, flow = plan.outline.inside_fraction(plan.grid), target_flow(case, packing)
-    bands = [(low - known.ramp, high + known.ramp, BAND_CELLS * plan.grid.cell) for low, high in known.intervals]
-    solution = solve_fluid(section_mesh(plan, bands), wall_law(case), flow, case.fluid.order, known)
-    field = to_field(solution, plan.grid, inside, packing)
-    free = to_field(solve_fluid(section_mesh(plan), wall_law(case), flow, case.fluid.order), plan.grid, inside, packing)
-    errors = _errors(field, followed)
-    field = replace(field, bulk=_bulk(field, followed), flux_r_se=errors[0], flux_z_se=errors[1])
-    differences = {span.name: _differences(field, free, made.field, span) for span, made in followed}
+    fluid = (_forced if plan.friction is None else _joined)(plan, followed, known, packing)
+    errors = _errors(fluid.field, followed)
+    field = replace(fluid.field, flux_r_se=errors[0], flux_z_se=errors[1])
+    differences = {span.name: _differences(field, fluid.free, made.field, span) for span, made in followed}
     return ModelResult(
         field=field,
         gates=(
             *breach_gates(plan.unfit),
             *(gate.of(span.name) for span, made in followed for gate in made.gates),
             *_following_gates(differences),
-            *fluid_gates(plan, field, solution, [(span.cut_bottom, span.cut_top) for span, _ in followed]),
+            *fluid.gates,
         ),
-        figures=solve_figures(solution) | {"difference_from_what_is_followed": differences},
-        notes=wall_factor_notes(plan) + tuple(f"{span.name}: {note}" for span, made in followed for note in made.notes),
+        figures=fluid.figures | {"difference_from_what_is_followed": differences},
+        notes=fluid.notes + tuple(f"{span.name}: {note}" for span, made in followed for note in made.notes),
         productions=tuple(production for _, made in followed for production in made.productions),
-        solution=solution,
+        solution=fluid.solution,
         submodels={span.name: made for span, made in followed},
     )
+
+
+@dataclass(frozen=True)
+class _Fluid:
+    """The whole vessel's field, that of a fluid which follows nothing, and what belongs to the fluid in the result."""
+
+    field: Field
+    free: Field
+    gates: tuple[Gate, ...]
+    figures: dict[str, Any]
+    notes: tuple[str, ...]
+    solution: FluidSolution | None
+
+
+def _forced(plan: Plan, followed: Followed, known: KnownFlow, packing: float) -> _Fluid:
+    """A viscous fluid that a volume force makes follow the known flow."""
+    case = plan.case
+    inside, flow = plan.outline.inside_fraction(plan.grid), target_flow(case, packing)
+    bands = [(low - known.ramp, high + known.ramp, BAND_CELLS * plan.grid.cell) for low, high in known.intervals]
+    solution = solve_fluid(section_mesh(plan, bands), wall_law(case), flow, case.fluid.order, known)
+    field = to_field(solution, plan.grid, inside, packing)
+    free = to_field(solve_fluid(section_mesh(plan), wall_law(case), flow, case.fluid.order), plan.grid, inside, packing)
+    gates = fluid_gates(plan, field, solution, [(span.cut_bottom, span.cut_top) for span, _ in followed])
+    field = replace(field, bulk=_bulk(field, followed))
+    return _Fluid(field, free, tuple(gates), solve_figures(solution), wall_factor_notes(plan), solution)
+
+
+def _joined(plan: Plan, followed: Followed, known: KnownFlow, packing: float) -> _Fluid:
+    """A frictional fluid beyond the margins, the known flow in the sections, and their stream functions joined between.
+
+    Both stream functions are the same on axis and walls, so whatever lies between them conserves and passes no wall. A
+    margin that reaches the vessel's end has no fluid beyond it: there the known flow is taken as it is.
+    """
+    assert plan.friction is not None
+    top, bottom, slack = plan.outline.z_top, plan.outline.z_bottom, plan.outline.tolerance
+    ends = tuple(
+        (bottom if span.cut_bottom <= bottom + slack else span.bottom, top if span.cut_top >= top - slack else span.top)
+        for span, _ in followed
+    )
+    known = replace(known, intervals=ends)
+    share, shared_cells = (known.strength(z)[:, None] for z in (plan.grid.z_edges, plan.grid.z_centres))
+    solved = solve_plan(plan, plan.friction, packing)
+    told = assess(plan, plan.friction, solved, ends)
+    free, flow = solved.field, solved.field.bulk_flow
+    assert free.psi is not None
+    unit = known.psi / (-2 * np.pi * known.psi[:, -1:])
+    psi = share * unit * packing * flow + (1 - share) * free.psi
+    flux_r, flux_z = flux_from_psi(psi, plan.grid)
+    field = replace(
+        free,
+        bulk=_bulk(free, followed),
+        flux_r=flux_r,
+        flux_z=flux_z,
+        psi=psi,
+        extra={"sensitivity": (1 - shared_cells) * told.sensitivity},
+    )
+    gates = (*flow_gates(plan, field, solved.solution), *told.gates)
+    return _Fluid(field, free, gates, told.figures, told.notes, None)
 
 
 def known_flow(plan: Plan, followed: Followed) -> KnownFlow:
@@ -114,10 +179,11 @@ def _nodes(cells: slice) -> slice:
 
 
 def _bulk(field: Field, followed: Followed) -> Mask:
-    """Solids everywhere inside, but for the voids that the sub-models found."""
+    """The fluid's own bulk; where particles were simulated, solids everywhere but in the voids that these found."""
     bulk = field.bulk.copy()
     for _, made in followed:
-        bulk[field.grid.where(made.field.grid)] &= made.field.bulk
+        cells = field.grid.where(made.field.grid)
+        bulk[cells] = (field.inside_fraction[cells] > 0) & made.field.bulk
     return bulk
 
 

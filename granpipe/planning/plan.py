@@ -79,8 +79,8 @@ LEAST_THICKNESS = 4.0
 """The same, at least."""
 
 TOO_WIDE = (
-    "above a floor the funnel of a frictional fluid is too wide: it was 32 % wrong against DEM of two flat-bottomed "
-    "silos; use particles (model: dem)"
+    "above a floor the funnel of a frictional fluid is too wide: it was 16 to 32 % wrong against DEM of four "
+    "flat-bottomed silos; use particles (model: dem)"
 )
 
 OUTLET_NOTE = "within one diameter of the outlet the field depends on the profile that fluid.outlet_profile prescribes"
@@ -116,7 +116,7 @@ class Plan:
     decisions : settings with their criteria; their warnings and breaches are in `warnings` and `breaches`
     unfit : sections that a fluid does not describe, and why, where the case asks for a fluid all the same
     wall_factors : those of the hoppers that a fluid describes, and the error to be expected there
-    friction : what a frictional fluid goes by; None for other models
+    friction : what a frictional fluid goes by, alone or in a hybrid; None for a viscous one and for DEM
     space : the vessel where it is one in space; `outline` has the same area at each height then
     particle_steps : cost of DEM, filling included
     seconds, disk_bytes : forecasts for this machine's cores, LIGGGHTS running alone
@@ -296,9 +296,13 @@ class _Scene:
         self._leave_out_fields("there are no particles", left, notes)
         grid = self._grid(self._opening_cell())
         plan = self._made("fluid", grid, [*stages, self._results("fluid")], left, notes=notes, seconds=FRICTION_SECONDS)
-        floors = {name: need.floor for name, need in self.needs.items() if need.floor and need.floor.certain}
-        unfit = [f"section {name}: solids rest on {floor.text}; {TOO_WIDE}" for name, floor in floors.items()]
-        return replace(plan, friction=friction, unfit=tuple(unfit))
+        return replace(plan, friction=friction, unfit=tuple(self._on_floors(self.needs)))
+
+    def _on_floors(self, names: Iterable[str]) -> list[str]:
+        """Marks of sections that would be a frictional fluid though solids rest on a floor in them."""
+        found = {name: self.needs[name].floor for name in names}
+        floors = {name: floor for name, floor in found.items() if floor is not None and floor.certain}
+        return [f"section {name}: solids rest on {floor.text}; {TOO_WIDE}" for name, floor in floors.items()]
 
     def _check_density(self) -> None:
         """CaseError unless the case tells what the fluid weighs: nothing else does without particles."""
@@ -452,10 +456,13 @@ class _Scene:
                 "add one, or set model: dem",
                 ("outline", "sections"),
             )
-        if case.fluid.rheology == "frictional":
-            raise CaseError("a hybrid follows with the viscous fluid only; leave it out", ("fluid", "rheology"))
+        friction = bulk_friction(case) if case.fluid.rheology == "frictional" else None
         rest = {n: one for n, one in section_ranges(case, self.outline).items() if not self.needs[n].dem}
-        unfit, doubts = self._unfit(rest)
+        if friction is None:
+            unfit, doubts = self._unfit(rest)
+        else:
+            voids(self.outline, friction.repose)
+            unfit, doubts = self._on_floors(rest), [FRICTION_NOTE]
         through = self._fluid_openings()
         notes = [*check_flow_rate(case, self.outline, through), *self._narrow(through), *doubts]
         found = spans(
@@ -466,14 +473,19 @@ class _Scene:
         )
         if not found:
             raise CaseError("no section needs DEM; set model: auto or fluid, or model: dem in a section", ("model",))
+        if friction is not None and self._nothing_left(found):
+            raise CaseError(
+                "the sections that need DEM and their margins cover the whole vessel: nothing is left for a frictional "
+                "fluid; set model: dem",
+                ("model",),
+            )
         grid = self._grid(classes.sauter_diameter / CELLS_PER_DIAMETER)
         cut = tuple(span.on_levels(grid.z_edges.tolist()) for span in found)
         earlier = case.fluid.known_field
         submodels = () if earlier else tuple(self._submodel(span, grid) for span in cut)
         stages = [Stage(f"{earlier or 'DEM'} in {span.name}", self._why(span)) for span in cut]
-        stages.append(
-            Stage("fluid", f"sections {', '.join(rest)} flow simply; the others are forced to follow what is known")
-        )
+        way = "the others are forced to follow what is known" if friction is None else "joined to the others by ψ"
+        stages.append(Stage("fluid", f"sections {', '.join(rest)} flow simply; {way}"))
         stages.append(self._results("hybrid"))
         left = [Stage(f"DEM of {n}", self.needs[n].reason) for n in rest]
         self._leave_out_fields("the field is that of the fluid", left, notes)
@@ -484,11 +496,21 @@ class _Scene:
             submodels=submodels,
             followed=cut if earlier else (),
             decisions=decisions_of(submodels),
-            wall_factors=tuple(wall_factor_decisions(case, self.outline, rest)),
+            wall_factors=() if friction else tuple(wall_factor_decisions(case, self.outline, rest)),
+            friction=friction,
             particle_steps=sum(submodel.particle_steps for _, submodel in submodels),
-            seconds=FLUID_SECONDS + sum(submodel.seconds for _, submodel in submodels),
+            seconds=(FRICTION_SECONDS if friction else FLUID_SECONDS) + sum(one.seconds for _, one in submodels),
             disk_bytes=sum(submodel.disk_bytes for _, submodel in submodels),
         )
+
+    def _nothing_left(self, found: Iterable[Span]) -> bool:
+        """Whether spans with their margins reach from the inlet to the outlet."""
+        reached, slack = self.outline.z_top, self.outline.tolerance
+        for span in found:  # from the top down
+            if span.cut_top < reached - slack:
+                return False
+            reached = span.cut_bottom
+        return reached <= self.outline.z_bottom + slack
 
     def _leave_out_fields(self, why: str, left: list[Stage], notes: list[str]) -> None:
         """Leave out what the case asks for under homogenize.fields and only particles can tell, and say so."""
