@@ -12,7 +12,7 @@ from granpipe.field import Field, divergence, level_flow
 from granpipe.pipeline.run import Outcome, plan_case, run_case
 from granpipe.progress import Silent
 
-pytestmark = pytest.mark.liggghts
+pytestmark = [pytest.mark.liggghts, pytest.mark.slow]
 
 FURNACE = """
 name: furnace
