@@ -113,7 +113,6 @@ def _hood(opening: WallOpening) -> Spout:
     def placed(chain: Array, at: float) -> Array:
         points: Array = chain[:, :1] * along + at * out + chain[:, 1:] * np.array([0.0, 0.0, 1.0])
         return points
-        return points
 
     rim = opening.corners + (begin - t)[:, None] * out
     front, roof, back = placed(lower, begin), placed(upper, begin), placed(upper, end)
