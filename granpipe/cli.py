@@ -179,7 +179,7 @@ _CLUSTER = click.option("--cluster", type=_PATH, default=Path("cluster.yaml"), s
 @click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="granpipe")
 def main() -> None:
-    """Granular flow in axisymmetric vessels, as a velocity field for multiphysics programs.
+    """Granular flow in vessels, as a velocity field for multiphysics programs.
 
     Exit status: 0 done; 2 the case or the command line is wrong; 3 a program or a file failed; 4 done, but a quality
     gate failed; 130 interrupted.
@@ -420,10 +420,10 @@ def plot(
 @click.option("--tolerance", type=_Quantity("number", positive=True), default="5 %", show_default=True,
               help="Largest difference at which two fields agree.")  # fmt: skip
 def compare(one: Path, other: Path, tolerance: float) -> None:
-    """Compare two fields, section by section, in space third by third of the height.
+    """Compare two fields, part by part.
 
-    ONE and OTHER are results folders. Two fields agree where the 95 % upper bound of their difference, statistical
-    noise removed, is within the tolerance.
+    ONE and OTHER are results folders; the parts are their sections, in space the thirds of the height. Two fields
+    agree where the 95 % upper bound of their difference, statistical noise removed, is within the tolerance.
     """
     from granpipe.analysis.compare import compare as compare_fields
     from granpipe.analysis.compare import difference_table, thirds

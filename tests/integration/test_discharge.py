@@ -21,7 +21,7 @@ SILO = """\
 name: silo
 outline:
   unit: mm
-  wall: [[32, 50], [32, 0], [18, 0], [18, -6]]
+  wall: [[40, 60], [40, 0], [18, 0], [18, -6]]
 material: {density: 2500 kg/m^3, size: {diameter: 6 mm}}
 contact: {friction: 0.5, rolling_friction: 0.1}
 flow_rate: 0.1 kg/s
