@@ -19,7 +19,7 @@ BULK_TEXT = (
     "so that the reference density times the bulk velocity is the mass flux of the material."
 )
 CITATION = (
-    "granpipe: granular flow in axisymmetric vessels, from an outline to a velocity field for multiphysics programs",
+    "granpipe: granular flow in vessels, from an outline or a drawing to a velocity field for multiphysics programs",
     "Granular flow described by fictitious fluids: a suitable methodology for process simulations",
 )
 """Titles of the program and of the article whose method it implements, as in CITATION.cff."""
