@@ -59,7 +59,7 @@ def simulate(plan: Plan, context: Context, criterion: Criterion) -> tuple[Produc
         average.evaluate()
     tasks = (Task(replica.name("DEM"), plan.dem.ranks, replica.work(average)) for replica in replicas)
     run_together(tasks, context.cores)
-    return tuple(replica.production() for replica in replicas if replica.production_run.published())
+    return tuple(replica.production for replica in replicas if replica.production is not None)
 
 
 def settle(plan: Plan, context: Context) -> Path:
@@ -84,8 +84,9 @@ def finished_productions(plan: Plan, store: Store, versions: Mapping[str, str]) 
         replicas = [_Replica(number, plan, walls, context) for number in range(plan.case.dem.replicas)]
         if any(replica.production_run.damaged for replica in replicas):
             raise DataError(f"{store.root}: the segments of {plan.case.name} are damaged; run it again")
-        if found := tuple(replica.production() for replica in replicas if replica.production_run.published()):
-            return found
+        found = [replica.production_run.production(walls) for replica in replicas]
+        if productions := tuple(one for one in found if one is not None):
+            return productions
     raise DataError(f"{store.root}: the stages of {plan.case.name} are not there any more; run it again")
 
 
@@ -158,6 +159,7 @@ class _Replica:
         self.production_run = ProductionRun(
             self.store.folder("produce", self.produce_key), self.plan, settled, self.deck, number
         )
+        self.production: Production | None = None  # what `work` has left
 
     def name(self, stage: str) -> str:
         """The stage's name, with the replica's number where there are several."""
@@ -168,21 +170,16 @@ class _Replica:
         if average.reached and not self.production_run.published():
             return
         yield from self.settle()
-        if self.production_run.complete or average.reached:
-            self.progress.stage(self.name("produce"), DONE_BEFORE)
-            return
         with self.store.lock("produce", self.produce_key):
             average.replace(self.number, self.production_run.sums())  # another process may have been at it until now
-            average.evaluate()
+            if not self.production_run.complete:
+                average.evaluate()
             if self.production_run.complete or average.reached:
-                return
-            self.store.begin("produce", self.produce_key)
-            yield from self.production_run.run(self.walls, average, self.name("produce"), self.progress)
-
-    def production(self) -> Production:
-        """What there is."""
-        run = self.production_run
-        return Production(self.number, run.folder, tuple(run.published()), run.settled, self.walls)
+                self.progress.stage(self.name("produce"), DONE_BEFORE)
+            else:
+                self.store.begin("produce", self.produce_key)
+                yield from self.production_run.run(self.walls, average, self.name("produce"), self.progress)
+            self.production = self.production_run.production(self.walls)  # as long as no other process adds to it
 
     def settle(self) -> Generator[None, None, None]:
         """Fill the vessel and come to rest, unless that is done."""

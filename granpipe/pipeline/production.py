@@ -62,7 +62,8 @@ class Production:
     ----------
     run : which of the replicas it is
     folder : of the production
-    segments : folders of the segments, in order
+    segments : folders of the segments that the case asks for, in order
+    last : folder of the last segment there is, which has a snapshot; later than `segments` where a longer case ran too
     settled : folder of the settled bed
     walls : folder of the STL files
     """
@@ -70,6 +71,7 @@ class Production:
     run: int
     folder: Path
     segments: tuple[Path, ...]
+    last: Path
     settled: Path
     walls: Path
 
@@ -89,7 +91,7 @@ class Production:
         ------
         DataError : the snapshot is damaged
         """
-        return read_snapshot(self.segments[-1] / "snapshot.bin", DUMP_COLUMNS)
+        return read_snapshot(self.last / "snapshot.bin", DUMP_COLUMNS)
 
     def kept_frames(self, most: int) -> list[tuple[int, Snapshot]]:
         """Step and particles of snapshots that the case has kept, at most so many, spread evenly over the run."""
@@ -118,11 +120,15 @@ class ProductionRun:
         self.folder, self.plan, self.settled, self.deck, self.number = folder, plan, settled, deck, number
         self.settings = plan.dem
         self._whole: set[tuple[Path, tuple[str, ...]]] = set()
+        self._resumed = 0  # after which segment
 
     def published(self) -> list[Path]:
-        """Folders of the segments that are done, in order, up to the first that is missing or damaged."""
+        """Folders of the segments that are done, in order, up to the first that is missing or damaged.
+
+        Another case may have asked for more of them than this one, with the same particles.
+        """
         found: list[Path] = []
-        while len(found) < self.settings.segments and self._has(path := self._segment(len(found) + 1), _LASTING):
+        while self._has(path := self._segment(len(found) + 1), _LASTING):
             found.append(path)
         while found and not self._has(found[-1], ("snapshot.bin",)):  # pictures and figures are made from the last one
             found.pop()
@@ -142,16 +148,23 @@ class ProductionRun:
     @property
     def complete(self) -> bool:
         """Nothing is left to do, whatever the target."""
-        return len(self.published()) == self.settings.segments
+        return len(self.published()) >= self.settings.segments
 
     def sums(self) -> Iterator[Sums]:
-        """The sums of the segments that are done.
+        """The sums of the segments that are done and asked for.
 
         Raises
         ------
         DataError : the sums of a segment are damaged
         """
-        return (load_sums(segment, self.number) for segment in self.published())
+        return (load_sums(segment, self.number) for segment in self.published()[: self.settings.segments])
+
+    def production(self, walls: Path) -> Production | None:
+        """What there is; None where there is no segment."""
+        if found := self.published():
+            segments = tuple(found[: self.settings.segments])
+            return Production(self.number, self.folder, segments, found[-1], self.settled, walls)
+        return None
 
     def _segment(self, number: int) -> Path:
         return self.folder / f"segment-{number:05d}"
@@ -159,6 +172,7 @@ class ProductionRun:
     def run(self, walls: Path, average: RunningAverage, stage: str, progress: Progress) -> Iterator[None]:
         """Run LIGGGHTS from the last good restart file to the last segment, or until the average is good enough."""
         done, restart, bed = self._resume_point()
+        self._resumed = done
         average.replace(self.number, self.sums())
         progress.stage(stage, f"continues after segment {done} of {self.settings.segments}" if done else "")
         work = self.folder / "work"
@@ -215,7 +229,10 @@ class ProductionRun:
         return FlowHealth(settings, self.plan.case, vessel, len(bed), fallen)
 
     def publish(self, number: int, sums: Sums, restart: Path, snapshot: Path, report: SegmentRecord) -> None:
-        """Let a segment appear, and take the restart file from all but the newest."""
+        """Let a segment appear, and take restart file and snapshot from all but the newest.
+
+        The snapshot after which this process resumed stays: the case that ended there may be about to read it.
+        """
         with publishing(self._segment(number)) as folder:
             sums.save(folder / "sums.npz")
             restart.replace(folder / "restart")
@@ -223,8 +240,9 @@ class ProductionRun:
             report.write(folder)
         if number > _KEPT_RESTARTS:
             old = self._segment(number - _KEPT_RESTARTS)
-            for name in _TO_RESUME:
-                (old / name).unlink(missing_ok=True)
+            (old / "restart").unlink(missing_ok=True)
+            if number - _KEPT_RESTARTS != self._resumed:
+                (old / "snapshot.bin").unlink(missing_ok=True)
 
 
 class _Watch:
