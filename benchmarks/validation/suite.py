@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import time
@@ -58,16 +59,24 @@ def run_piece(case: Case, piece: str, results: Path, data: Path) -> None:
     print(f"{case.name}: {piece}", flush=True)
     folder, spent = results / case.name, results / case.name / f"{piece}.seconds.json"
     folder.mkdir(parents=True, exist_ok=True)
-    earlier = stored(spent).get("seconds", 0.0)
-    began = time.perf_counter()
+    earlier = stored(spent)
+    began, worked = time.perf_counter(), processor_seconds()
+    times: dict[str, float] = {}
     try:
         values = case.pieces[piece](folder)
     finally:
-        seconds = round(earlier + time.perf_counter() - began, 1)
-        write_json(spent, {"seconds": seconds})
+        times["seconds"] = round(earlier.get("seconds", 0.0) + time.perf_counter() - began, 1)
+        times["processor_seconds"] = round(earlier.get("processor_seconds", 0.0) + processor_seconds() - worked, 1)
+        write_json(spent, times)
     data.mkdir(parents=True, exist_ok=True)
-    made = f"{datetime.now(UTC):%Y-%m-%d}"
-    write_json(path, stored(path) | {piece: {"made": made, "seconds": seconds, "found": values}})
+    made = {"made": f"{datetime.now(UTC):%Y-%m-%d}"}
+    write_json(path, stored(path) | {piece: made | times | {"found": values}})
+
+
+def processor_seconds() -> float:
+    """Processor time of this process and of those that it has started and seen to their end."""
+    each = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(one.ru_utime + one.ru_stime for one in each)
 
 
 def run_together(pieces: Sequence[tuple[Case, str]], jobs: int, results: Path, data: Path) -> list[str]:
