@@ -63,7 +63,7 @@ def test_kept_results_are_of_pieces_that_there_are() -> None:
             "other_code": other_code.text("one", 1),
             "other_surface": other_surface.text(),
             "beverloo": beverloo.text("one", 12, 0.2, 1),
-            "dosta": dosta.text(60),
+            "dosta": dosta.text("M2", 60),
             "janssen": janssen.text("one", 0.4),
             "pebble_bed": pebble_bed.text("one", 30.0),
             "hoppers": hoppers.FLAT[0].text(),
@@ -228,7 +228,7 @@ def test_the_rate_of_a_bed_that_empties_steadily() -> None:
 
 
 def test_lammps_gets_the_numbers_of_the_case(tmp_path: Path) -> None:
-    (tmp_path / "silo.yaml").write_text(dosta.text(40))
+    (tmp_path / "silo.yaml").write_text(dosta.text("M1", 40))
     plan = make_plan(read_case(tmp_path / "silo.yaml").case, 1)
     lines = lammps.deck(plan, dosta.walls(plan, 40), 0.1, every=50, lost="ignore").splitlines()
     stiff = f"{plan.dem.youngs_modulus:g}"
@@ -276,9 +276,9 @@ def test_surfaces_and_fields_of_two_codes_are_judged_with_their_errors() -> None
 
 def test_cases_that_run_together_are_kept_and_failed_ones_named(tmp_path: Path) -> None:
     """The cones are kept references, read in a second; LAMMPS' silo needs one that granpipe has not run."""
-    failed = run_together([(dosta.CASE, "lammps40"), (hoppers.CASE, "cones")], 2, tmp_path, tmp_path)
+    failed = run_together([(dosta.CASE, "lammps-M1-40"), (hoppers.CASE, "cones")], 2, tmp_path, tmp_path)
     assert failed == ["dosta"]
-    assert "silo40" in (tmp_path / "dosta.log").read_text()
+    assert "silo-m1-40" in (tmp_path / "dosta.log").read_text()
     assert set(json.loads((tmp_path / "hoppers.json").read_text())) == {"cones"}
 
 
