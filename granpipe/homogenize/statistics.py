@@ -19,7 +19,6 @@ LEAST_BLOCKS = 7
 BLOCKS = 60
 """Blocks that the standard errors of a field rest on, where there are so many segments."""
 
-_BATCH = 5  # MSER-5
 _REACH = 1.0  # diameters: correlation times are seen through a Gaussian of this width
 _LEAST_CORRELATED = 0.25  # samples, as a correlation time
 _LEAST_WINDOW = 8
@@ -28,42 +27,41 @@ _MOST_CORRELATED = 1 / 3  # of the samples, as a correlation time: longer ones c
 
 
 def onset(*series: Array) -> int:
-    """Number of samples to leave out at the beginning, at most half of them: MSER-5 of several series together.
+    """Number of samples to leave out at the beginning, at most half of them, for the least mean squared error.
 
-    White (1997): of all truncations, the one whose remaining mean has the smallest estimated error, s²/n of what is
-    left, on means of five samples. Several series are summed, each over its own variance in the second half of the
-    run, so that none is steady before all are; the columns of one series count together as one.
+    Of all truncations t, the one with the least estimated squared error of the remaining mean, bias² + variance
+    (Pasupathy & Schmeiser 2010), where neighbouring samples are correlated: the variance of a mean of n samples is
+    γ₀ τ/n, with γ₀ and τ those of the second half of the run. The bias is told by the difference from the mean of that
+    half. Without a transient the variance of the difference is the difference of the variances (Hausman 1978); what
+    exceeds it counts as bias². Errors of several series are summed, each over its own variance in the
+    second half, so that none is steady before all are; the columns of one series count together as one.
 
     Parameters
     ----------
     series : (n,) or (n, k) each, of the same n samples: row flows, mass, kinetic energy
     """
-    count = len(series[0]) // _BATCH
-    if count < 2:
+    scaled = np.concatenate([_scaled_by_late(np.asarray(one, dtype=float)) for one in series], axis=1)
+    count, half = len(scaled), len(scaled) // 2
+    if half < 2 or not scaled.size:
         return 0
-    batches = [_batch_means(np.asarray(one, dtype=float).reshape(len(one), -1)) for one in series]
-    left = np.arange(count, 0, -1)[: count // 2 + 1]
-    spread = sum(_spread_of_rest(one, len(left)) for one in batches)
-    return int(np.argmin(spread / left.astype(float) ** 2)) * _BATCH
+    late = scaled[half:]
+    time = len(late) / effective_samples(late, np.zeros(len(late), dtype=int))
+    # the samples' own mean takes the share τ/n of their variance with it
+    long_run = time * late.var(axis=0).sum() / (1 - time / len(late))
+    left = np.arange(count, 0, -1)[: half + 1]
+    means = np.cumsum(scaled[::-1], axis=0)[::-1][: half + 1] / left[:, None]
+    apart = ((means - means[half]) ** 2).sum(axis=1)
+    variance = long_run / left
+    bias = np.maximum(apart - (variance[half] - variance), 0.0)  # squared
+    return int(np.argmin(bias + variance))
 
 
-def _batch_means(series: Array) -> Array:
-    """(n // 5, k) means of five samples."""
-    count = len(series) // _BATCH
-    return np.asarray(series[: count * _BATCH].reshape(count, _BATCH, -1).mean(axis=1))
-
-
-def _spread_of_rest(batches: Array, truncations: int) -> Array:
-    """(truncations,) Σ(x − mean)² of what is left without the first 0, 1, 2 … batches, over the late variance."""
-    late = batches[len(batches) // 2 :].var(axis=0)
-    if not (late > 0).any():
-        return np.zeros(truncations)
-    scaled = batches[:, late > 0] / np.sqrt(late[late > 0])
-    left = np.arange(len(batches), 0, -1)[:truncations, None]
-    # sums of all remainders at once, taken backwards
-    total = np.cumsum(scaled[::-1], axis=0)[::-1][:truncations]
-    square = np.cumsum(scaled[::-1] ** 2, axis=0)[::-1][:truncations]
-    return np.asarray((square - total**2 / left).mean(axis=1))
+def _scaled_by_late(series: Array) -> Array:
+    """(n, k) columns that vary in the second half, by their standard deviation there; their variances add up to 1."""
+    columns = series.reshape(len(series), -1)
+    late = columns[len(columns) // 2 :].std(axis=0)
+    varies = late > 0
+    return np.asarray(columns[:, varies] / (late[varies] * np.sqrt(max(varies.sum(), 1))))
 
 
 def blocks(segments: Sequence[Sums], least: int = LEAST_BLOCKS) -> list[Sums]:

@@ -32,6 +32,10 @@ DILATED_DIAMETERS = 1.0
 """Height above an open outlet, in its diameters, up to which the bed is dilated and its packing does not count."""
 
 
+_BURST_SHARE = 1 / 8
+"""Of what is left after the onset, the part that may be left out for bursts and rests to be averaged alike."""
+
+
 @dataclass(frozen=True)
 class AveragedField:
     """A field made to conserve, the plug that it was measured by, and figures of the method.
@@ -160,15 +164,15 @@ def _from_start(segments: list[Sums], plan: Plan) -> list[Sums]:
 
 
 def _steady_start(segments: list[Sums]) -> float:
-    """Where averaging begins [s]: after the onset that MSER-5 finds, within the first half of the run.
+    """Where averaging begins [s]: at the onset that the data show, or a little later.
 
-    Flow above an obstacle comes in bursts. Of the segments that may be first, the one is taken from which on the
-    filling changes least to the end, so that the average holds bursts and rests alike.
+    Flow above an obstacle comes in bursts. Of the segments from the onset on, within a small share of what is left, the
+    one is taken from which on the filling changes least to the end, so that the average holds bursts and rests alike.
     """
     whole = merge(segments)
-    onset_time = float(whole.time[onset(whole.level_flow, whole.solids, whole.kinetic)])
-    latest = max(onset_time, 0.5 * (segments[0].start + segments[-1].stop))
-    first = [i for i, segment in enumerate(segments) if onset_time - segment.duration < segment.start <= latest] or [0]
+    begun = float(whole.time[onset(whole.level_flow, whole.solids, whole.kinetic)])
+    latest = begun + _BURST_SHARE * (segments[-1].stop - begun)
+    first = [i for i, segment in enumerate(segments) if begun - segment.duration < segment.start <= latest] or [0]
     net = _net_storage(segments)
     return segments[min(first, key=lambda i: float(net[i]))].start
 

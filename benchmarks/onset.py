@@ -1,0 +1,161 @@
+"""Where an average begins: the rule of `homogenize.statistics.onset` beside MSER-5 and half of the run.
+
+`synthetic`: correlated series with a transient, whose mean is known. `stored RESULTS …`: runs of one vessel with other
+fillings, more and more of each of them; what the others say late in their runs stands for the truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy import signal, stats
+
+from granpipe.field import Array
+from granpipe.homogenize.average import Sums, merge
+from granpipe.homogenize.statistics import LEAST_BLOCKS, effective_samples, onset, standard_error
+from granpipe.pipeline.averages import _steady_start
+
+FREEDOM = 1 / 3  # degrees of freedom of a standard error, over the effective samples
+COLUMNS = 8
+PROCESSES = {
+    "independent": (0.0, 0.0),
+    "AR(1), 0.5": (0.5, 0.0),
+    "AR(1), 0.9": (0.9, 0.0),
+    "AR(2), bursts each 7 samples": (2 * 0.85 * np.cos(2 * np.pi / 7), -(0.85**2)),
+}
+"""Coefficients of the last two samples."""
+TRANSIENTS = {"none": (0.0, 1.0), "2 σ, n/30": (2.0, 1 / 30), "2 σ, n/10": (2.0, 0.1), "5 σ, n/10": (5.0, 0.1),
+              "1 σ, 0.3 n": (1.0, 0.3)}  # fmt: skip
+"""Amplitude, decay time over the length of the series."""
+
+
+def mser5(*series: Array) -> int:
+    """White (1997): s²/n of what is left is least, on means of five samples taken as independent."""
+    count = len(series[0]) // 5
+    left = np.arange(count, 0, -1)[: count // 2 + 1]
+    spread = np.zeros(len(left))
+    for one in series:
+        means = one[: count * 5].reshape(count, 5, -1).mean(axis=1)
+        late = means[count // 2 :].var(axis=0)
+        scaled = means[:, late > 0] / np.sqrt(late[late > 0])
+        spread += [scaled[count - n :].var(axis=0).mean() / n for n in left]
+    return int(np.argmin(spread)) * 5
+
+
+RULES: dict[str, Callable[..., int]] = {
+    "half": lambda *series: len(series[0]) // 2,
+    "MSER-5": mser5,
+    "granpipe": onset,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=["synthetic", "stored"])
+    parser.add_argument("folders", nargs="*", type=Path, help="folders that hold productions, for `stored`")
+    parser.add_argument("--repeat", type=int, default=100)
+    parser.add_argument("--samples", nargs="*", type=int, default=[40, 100, 250])
+    options = parser.parse_args()
+    rows = (
+        synthetic(options.samples, options.repeat)
+        if options.what == "synthetic"
+        else stored([_Run(folder) for folder in options.folders], options.samples)
+    )
+    for row in rows:
+        print(f"| {' | '.join(row)} |", flush=True)
+
+
+def synthetic(samples: Sequence[int], repeat: int) -> Iterator[list[str]]:
+    """Rows: samples, process, transient; by rule: share left out, RMS error over that of the whole series without a
+    transient, scatter over claimed error, 95 % intervals that hold.
+    """
+    for count in samples:
+        for process, coefficients in PROCESSES.items():
+            for transient, (amplitude, decay) in TRANSIENTS.items():
+                rng = np.random.default_rng(count)
+                found: dict[str, list[Array]] = {rule: [] for rule in RULES}
+                for _ in range(repeat):
+                    series, variance = process_of(rng, count, coefficients)
+                    shape = np.exp(-np.arange(count) / (decay * count))
+                    series += amplitude * shape[:, None] * rng.uniform(-1.5, 1.5, COLUMNS)
+                    for rule, begin in RULES.items():
+                        at = begin(series)
+                        mean, error, quantile = told(series[at:])
+                        held = (np.abs(mean) <= quantile * error).mean()
+                        found[rule].append(np.array([at / count, (mean**2).mean(), (error**2).mean(), held]))
+                yield [str(count), process, transient, *(_cells(rows, variance / count) for rows in found.values())]
+
+
+def process_of(rng: np.random.Generator, count: int, coefficients: tuple[float, float]) -> tuple[Array, float]:
+    """(count, COLUMNS) samples of variance 1, mean 0; variance of a long mean times its length."""
+    filtered = [1.0, -coefficients[0], -coefficients[1]]
+    response = signal.lfilter([1.0], filtered, np.r_[1.0, np.zeros(999)])
+    size = np.sqrt((response**2).sum())
+    series = signal.lfilter([1.0], filtered, rng.normal(size=(count + 300, COLUMNS)), axis=0)[300:]
+    return np.asarray(series / size), float((response.sum() / size) ** 2)
+
+
+def told(series: Array) -> tuple[Array, Array, float]:
+    """Mean of (n, k) samples, its standard error, half the width of a 95 % interval over it."""
+    effective = min(effective_samples(series, np.zeros(len(series), dtype=int)), len(series))
+    quantile = stats.t.ppf(0.975, max(FREEDOM * effective, 1))
+    return series.mean(axis=0), standard_error(series, effective), float(quantile)
+
+
+def _cells(rows: list[Array], variance: float) -> str:
+    left_out, off, claimed, held = np.mean(rows, axis=0)
+    return f"{left_out:.0%}, {np.sqrt(off / variance):.2f}, {np.sqrt(off / claimed):.2f}, {held:.0%}"
+
+
+class _Run:
+    """Flows through every face and the series that an onset is told from, of one production."""
+
+    def __init__(self, folder: Path) -> None:
+        self.segments = sorted((Sums.load(path) for path in folder.glob("*/sums.npz")), key=lambda one: one.start)
+        self.flows = np.array([flows(one) for one in self.segments])
+
+    def begins(self, count: int) -> dict[str, int]:
+        """Rule → index of the first segment that it averages, of the first `count`."""
+        whole = merge(self.segments[:count])
+        each = len(whole.time) // count
+        begun = _steady_start(self.segments[:count])
+        found = {
+            name: -(-rule(whole.level_flow, whole.solids, whole.kinetic) // each) for name, rule in RULES.items()
+        }
+        return found | {"and the filling": next(i for i, one in enumerate(self.segments) if one.start >= begun - 1e-9)}
+
+
+def flows(sums: Sums) -> Array:
+    """Flow through every face, each scaled so that its square counts by area."""
+    flux_r, flux_z = sums.mean_flux
+    scaled = flux_r * np.sqrt(sums.grid.side_area), flux_z * np.sqrt(sums.grid.ring_area)
+    return np.concatenate([one.ravel() for one in scaled])
+
+
+def stored(runs: list[_Run], samples: Sequence[int]) -> Iterator[list[str]]:
+    """Rows: segments, rule; share left out; error of the mean flow, claimed error, 95 % intervals that hold."""
+    for count in samples:
+        found: dict[str, list[Array]] = {}
+        for run in runs:
+            late = [told(other.flows[len(other.flows) // 3 :]) for other in runs if other is not run]
+            truth = np.mean([mean for mean, _, _ in late], axis=0)
+            doubt = np.sum([error**2 for _, error, _ in late], axis=0) / len(late) ** 2
+            flowing = np.abs(truth) > 0.05 * np.sqrt(np.mean(truth**2))
+            for rule, begin in run.begins(count).items():
+                if count - begin < LEAST_BLOCKS:
+                    continue
+                mean, error, quantile = told(run.flows[begin:count])
+                off, size = mean - truth, (truth**2).sum()
+                held = (np.abs(off) <= quantile * np.sqrt(error**2 + doubt))[flowing].mean()
+                figures = [begin / count, (off**2).sum() / size, (error**2).sum() / size, held]
+                found.setdefault(rule, []).append(np.array(figures))
+        for rule, rows in found.items():
+            left_out, off, claimed, held = np.mean(rows, axis=0)
+            yield [str(count), rule, f"{left_out:.0%}", f"{np.sqrt(off):.1%}", f"{np.sqrt(claimed):.1%}", f"{held:.1%}"]
+
+
+if __name__ == "__main__":
+    main()
