@@ -1,7 +1,8 @@
 """Where an average begins: the rule of `homogenize.statistics.onset` beside MSER-5 and half of the run.
 
-`synthetic`: correlated series with a transient, whose mean is known. `stored RESULTS …`: runs of one vessel with other
-fillings, more and more of each of them; what the others say late in their runs stands for the truth.
+`synthetic`: correlated series with a transient, whose mean is known. `stored STORE/PRODUCTION …`: runs of one vessel in
+other fillings, more and more of each of them; what the others say late in their runs stands for the truth.
+`fields RESULTS/CASE …`: the final fields of such runs, with today's start and with the former one.
 """
 
 from __future__ import annotations
@@ -9,14 +10,21 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from scipy import signal, stats
 
+from granpipe.case.reader import read_case
 from granpipe.field import Array
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.statistics import LEAST_BLOCKS, effective_samples, onset, standard_error
-from granpipe.pipeline.averages import _steady_start
+from granpipe.pipeline import averages
+from granpipe.pipeline.averages import _net_storage, _steady_start, averaged_field, steady_segments
+from granpipe.pipeline.dem_stages import finished_productions
+from granpipe.planning.plan import make_plan
+from granpipe.system.store import Store
+from granpipe.system.versions import library_versions, program_versions
 
 FREEDOM = 1 / 3  # degrees of freedom of a standard error, over the effective samples
 COLUMNS = 8
@@ -35,13 +43,16 @@ TRANSIENTS = {"none": (0.0, 1.0), "2 σ, n/30": (2.0, 1 / 30), "2 σ, n/10": (2.
 def mser5(*series: Array) -> int:
     """White (1997): s²/n of what is left is least, on means of five samples taken as independent."""
     count = len(series[0]) // 5
+    if count < 2:
+        return 0
     left = np.arange(count, 0, -1)[: count // 2 + 1]
     spread = np.zeros(len(left))
     for one in series:
         means = one[: count * 5].reshape(count, 5, -1).mean(axis=1)
         late = means[count // 2 :].var(axis=0)
-        scaled = means[:, late > 0] / np.sqrt(late[late > 0])
-        spread += [scaled[count - n :].var(axis=0).mean() / n for n in left]
+        if (late > 0).any():
+            scaled = means[:, late > 0] / np.sqrt(late[late > 0])
+            spread += [scaled[count - n :].var(axis=0).mean() / n for n in left]
     return int(np.argmin(spread)) * 5
 
 
@@ -54,17 +65,17 @@ RULES: dict[str, Callable[..., int]] = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["synthetic", "stored"])
-    parser.add_argument("folders", nargs="*", type=Path, help="folders that hold productions, for `stored`")
+    parser.add_argument("what", choices=["synthetic", "stored", "fields"])
+    parser.add_argument("folders", nargs="*", type=Path, help="productions of a store, or results")
     parser.add_argument("--repeat", type=int, default=100)
     parser.add_argument("--samples", nargs="*", type=int, default=[40, 100, 250])
     options = parser.parse_args()
-    rows = (
-        synthetic(options.samples, options.repeat)
-        if options.what == "synthetic"
-        else stored([_Run(folder) for folder in options.folders], options.samples)
-    )
-    for row in rows:
+    told_of = {
+        "synthetic": lambda: synthetic(options.samples, options.repeat),
+        "stored": lambda: stored([_Run(folder) for folder in options.folders], options.samples),
+        "fields": lambda: fields(options.folders, options.samples),
+    }
+    for row in told_of[options.what]():
         print(f"| {' | '.join(row)} |", flush=True)
 
 
@@ -122,9 +133,7 @@ class _Run:
         whole = merge(self.segments[:count])
         each = len(whole.time) // count
         begun = _steady_start(self.segments[:count])
-        found = {
-            name: -(-rule(whole.level_flow, whole.solids, whole.kinetic) // each) for name, rule in RULES.items()
-        }
+        found = {name: -(-rule(whole.level_flow, whole.solids, whole.kinetic) // each) for name, rule in RULES.items()}
         return found | {"and the filling": next(i for i, one in enumerate(self.segments) if one.start >= begun - 1e-9)}
 
 
@@ -155,6 +164,49 @@ def stored(runs: list[_Run], samples: Sequence[int]) -> Iterator[list[str]]:
         for rule, rows in found.items():
             left_out, off, claimed, held = np.mean(rows, axis=0)
             yield [str(count), rule, f"{left_out:.0%}", f"{np.sqrt(off):.1%}", f"{np.sqrt(claimed):.1%}", f"{held:.1%}"]
+
+
+def former_start(segments: list[Sums]) -> float:
+    """Where averaging began [s]: after the onset of MSER-5, in the first half, where the filling changes least."""
+    whole = merge(segments)
+    begun = float(whole.time[mser5(whole.level_flow, whole.solids, whole.kinetic)])
+    latest = max(begun, 0.5 * (segments[0].start + segments[-1].stop))
+    first = [i for i, one in enumerate(segments) if begun - one.duration < one.start <= latest] or [0]
+    net = _net_storage(segments)
+    return segments[min(first, key=lambda i: float(net[i]))].start
+
+
+def fields(folders: Sequence[Path], samples: Sequence[int]) -> Iterator[list[str]]:
+    """Rows: segments, start; share left out, claimed error, scatter of the final fields between the runs, over what the
+    errors of all faces claim, and the 95 % intervals that hold the others' mean.
+    """
+    runs = []
+    for folder in folders:
+        plan = make_plan(read_case(folder / "case.yaml", {"homogenize.start": "auto"}).case, 1)
+        store = Store(folder.parent / ".store")
+        versions = library_versions() | program_versions(store.root / "programs.json")
+        runs.append((plan, [*finished_productions(plan, store, versions)[0].sums()]))
+    for count in samples:
+        for name, rule in {"MSER-5, in half of the run": former_start, "granpipe": _steady_start}.items():
+            made, left_out = [], []
+            for plan, segments in runs:
+                with mock.patch.object(averages, "_steady_start", rule):
+                    steady = steady_segments(segments[:count], plan)
+                left_out.append(1 - len(steady) / (count - plan.dem.segments_left_out))
+                made.append(averaged_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter))
+            flux = np.array([np.r_[one.field.flux_r.ravel(), one.field.flux_z.ravel()] for one in made])
+            error = np.array([np.r_[one.field.flux_r_se.ravel(), one.field.flux_z_se.ravel()] for one in made])
+            flowing = np.abs(flux.mean(axis=0)) > 0.05 * np.sqrt(np.mean(flux**2))
+            scatter, size = flux.var(axis=0, ddof=1), (flux.mean(axis=0) ** 2).sum()
+            share, held = np.sqrt(1 + 1 / (len(flux) - 1)), []
+            for at, one in enumerate(made):
+                width = share * stats.t.ppf(0.975, FREEDOM * one.figures["effective_blocks"]) * error[at]
+                off = np.abs(flux[at] - np.delete(flux, at, axis=0).mean(axis=0))
+                held.append((off <= width)[flowing].mean())
+            claimed = np.sqrt(np.mean([one.figures["statistical_error"]["whole"] ** 2 for one in made]))
+            ratio = np.sqrt(scatter[flowing].sum() / (error**2).mean(axis=0)[flowing].sum())
+            yield [str(count), name, f"{np.mean(left_out):.0%}", f"{claimed:.1%}",
+                   f"{np.sqrt(scatter.sum() / size):.1%}", f"{ratio:.2f}", f"{np.mean(held):.0%}"]  # fmt: skip
 
 
 if __name__ == "__main__":
