@@ -2,7 +2,8 @@
 
 `synthetic`: correlated series with a transient, whose mean is known. `stored STORE/PRODUCTION …`: runs of one vessel in
 other fillings, more and more of each of them; what the others say late in their runs stands for the truth.
-`fields RESULTS/CASE …`: the final fields of such runs, with today's start and with the former one.
+`fields RESULTS/CASE …`: the final fields of such runs, with today's start and with the former one. `ends RESULTS/CASE
+RESULTS/CASE`: two runs as they grew, each against the whole of the other.
 """
 
 from __future__ import annotations
@@ -15,14 +16,24 @@ from unittest import mock
 import numpy as np
 from scipy import signal, stats
 
+from granpipe.analysis.compare import compare
 from granpipe.case.reader import read_case
+from granpipe.errors import DataError
 from granpipe.field import Array
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.statistics import LEAST_BLOCKS, effective_samples, onset, standard_error
 from granpipe.pipeline import averages
-from granpipe.pipeline.averages import _net_storage, _steady_start, averaged_field, steady_segments
+from granpipe.pipeline.averages import (
+    AveragedField,
+    _net_storage,
+    _steady_start,
+    averaged_field,
+    steady_segments,
+)
 from granpipe.pipeline.dem_stages import finished_productions
-from granpipe.planning.plan import make_plan
+from granpipe.pipeline.production import Production
+from granpipe.pipeline.records import SettleRecord
+from granpipe.planning.plan import Plan, make_plan
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 
@@ -65,7 +76,7 @@ RULES: dict[str, Callable[..., int]] = {
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["synthetic", "stored", "fields"])
+    parser.add_argument("what", choices=["synthetic", "stored", "fields", "ends"])
     parser.add_argument("folders", nargs="*", type=Path, help="productions of a store, or results")
     parser.add_argument("--repeat", type=int, default=100)
     parser.add_argument("--samples", nargs="*", type=int, default=[40, 100, 250])
@@ -74,6 +85,7 @@ def main() -> None:
         "synthetic": lambda: synthetic(options.samples, options.repeat),
         "stored": lambda: stored([_Run(folder) for folder in options.folders], options.samples),
         "fields": lambda: fields(options.folders, options.samples),
+        "ends": lambda: ends(options.folders),
     }
     for row in told_of[options.what]():
         print(f"| {' | '.join(row)} |", flush=True)
@@ -180,20 +192,14 @@ def fields(folders: Sequence[Path], samples: Sequence[int]) -> Iterator[list[str
     """Rows: segments, start; share left out, claimed error, scatter of the final fields between the runs, over what the
     errors of all faces claim, and the 95 % intervals that hold the others' mean.
     """
-    runs = []
-    for folder in folders:
-        plan = make_plan(read_case(folder / "case.yaml", {"homogenize.start": "auto"}).case, 1)
-        store = Store(folder.parent / ".store")
-        versions = library_versions() | program_versions(store.root / "programs.json")
-        runs.append((plan, [*finished_productions(plan, store, versions)[0].sums()]))
+    runs = [_finished(folder) for folder in folders]
     for count in samples:
-        for name, rule in {"MSER-5, in half of the run": former_start, "granpipe": _steady_start}.items():
+        for name, rule in STARTS.items():
             made, left_out = [], []
-            for plan, segments in runs:
-                with mock.patch.object(averages, "_steady_start", rule):
-                    steady = steady_segments(segments[:count], plan)
+            for plan, production in runs:
+                steady, averaged = _averaged(plan, [*production.sums()][:count], rule)
                 left_out.append(1 - len(steady) / (count - plan.dem.segments_left_out))
-                made.append(averaged_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter))
+                made.append(averaged)
             flux = np.array([np.r_[one.field.flux_r.ravel(), one.field.flux_z.ravel()] for one in made])
             error = np.array([np.r_[one.field.flux_r_se.ravel(), one.field.flux_z_se.ravel()] for one in made])
             flowing = np.abs(flux.mean(axis=0)) > 0.05 * np.sqrt(np.mean(flux**2))
@@ -207,6 +213,58 @@ def fields(folders: Sequence[Path], samples: Sequence[int]) -> Iterator[list[str
             ratio = np.sqrt(scatter[flowing].sum() / (error**2).mean(axis=0)[flowing].sum())
             yield [str(count), name, f"{np.mean(left_out):.0%}", f"{claimed:.1%}",
                    f"{np.sqrt(scatter.sum() / size):.1%}", f"{ratio:.2f}", f"{np.mean(held):.0%}"]  # fmt: skip
+
+
+STARTS = {"MSER-5, in half of the run": former_start, "granpipe": _steady_start}
+
+
+def ends(folders: Sequence[Path]) -> Iterator[list[str]]:
+    """Rows: case, start; end of the run [s], share of its steps that is averaged, filling included; statistical error
+    of the worst section and of the whole; difference of the field from that of the other run, all of it after a faster
+    start. At last the RMS of both and of the difference.
+    """
+    runs = [_finished(folder) for folder in folders]
+    whole = [_averaged(plan, [*made.sums()], lambda kept: kept[0].start)[1].field for plan, made in runs]
+    told: dict[str, list[Array]] = {name: [] for name in STARTS}
+    for (plan, production), other in zip(runs, whole[::-1], strict=True):
+        segments = [*production.sums()]
+        settled = SettleRecord.read(production.settled).steps
+        for count in range(plan.dem.segments_left_out + 2 * LEAST_BLOCKS, len(segments) + 1, 2):
+            rows = []
+            for name, rule in STARTS.items():
+                try:
+                    steady, made = _averaged(plan, segments[:count], rule)
+                    errors = made.figures["statistical_error"]
+                except (DataError, KeyError):  # too few segments, or the filling still changes too fast
+                    continue
+                differences = compare(made.field, other, plan.case.outline.levels, plan.dem.classes.sauter_diameter)
+                off = next(one.observed for one in differences if one.name == "whole")
+                rows.append((name, len(steady), max(errors.values()), errors["whole"], off))
+            for name, averaged, *figures in rows:
+                if len(rows) == len(STARTS):  # so that both are told of the same ends
+                    told[name].append(np.array(figures))
+                steps = settled / plan.dem.segment_steps + count
+                shares = [f"{averaged / steps:.0%}", *(f"{one:.1%}" for one in figures)]
+                yield [plan.case.name, name, f"{segments[count - 1].stop:.1f}", *shares]
+    for name, figures in told.items():
+        yield ["RMS", name, "", "", *(f"{one:.1%}" for one in np.sqrt(np.mean(np.square(figures), axis=0)))]
+
+
+def _finished(folder: Path) -> tuple[Plan, Production]:
+    """The plan of a finished run that finds its start, and its production in the store beside its results."""
+    plan = make_plan(read_case(folder / "case.yaml", {"homogenize.start": "auto"}).case, 1)
+    store = Store(folder.parent / ".store")
+    versions = library_versions() | program_versions(store.root / "programs.json")
+    return plan, finished_productions(plan, store, versions)[0]
+
+
+def _averaged(
+    plan: Plan, segments: list[Sums], rule: Callable[[list[Sums]], float]
+) -> tuple[list[Sums], AveragedField]:
+    """What is averaged from the start that a rule finds, and its field."""
+    with mock.patch.object(averages, "_steady_start", rule):
+        steady = steady_segments(segments, plan)
+    return steady, averaged_field(plan.case, plan.outline, steady, plan.dem.classes.sauter_diameter)
 
 
 if __name__ == "__main__":

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
 
-QUIET_SHARE = 1 / 8
-"""Speed of the bed (RMS) over that of a faster start, at which filling may end."""
-
 INSERT_FRACTION = 0.3
 """Packing that random insertion is asked for: 0.35–0.4 is the most it reaches, and a shortfall distorts the sizes."""
 
@@ -210,7 +207,7 @@ def make_deck(
         fill_chunks=400,
         full_gain=2e-3,
         settle_chunks=100,
-        rest_energy=_rest_energy(settings),
+        rest_energy=0.5 * (0.005 * math.sqrt(GRAVITY * classes.sauter_diameter)) ** 2,
         plate_speed=settings.plate_speed,
         start_speed=settings.start_speed,
         start_segments=settings.start_segments,
@@ -224,14 +221,6 @@ def make_deck(
         wall_contacts=not {"wall_pressure", "stress"}.isdisjoint(case.homogenize.fields),
         pair_contacts="stress" in case.homogenize.fields,
     )
-
-
-def _rest_energy(settings: Settings) -> float:
-    """Mean kinetic energy [J/kg] at which filling ends: at rest, or slow beside a plate that starts faster."""
-    speed = 0.005 * math.sqrt(GRAVITY * settings.classes.sauter_diameter)
-    if settings.start_segments:
-        speed = max(speed, QUIET_SHARE * settings.start_speed)
-    return 0.5 * speed**2
 
 
 def render(deck: object, template: str) -> str:

@@ -52,7 +52,7 @@ from granpipe.pipeline.gates import (
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.production import Production
 from granpipe.pipeline.records import OverlapRecord, SettleRecord
-from granpipe.pipeline.softness import as_rigid, rigid_share
+from granpipe.pipeline.softness import as_rigid, mean_reference_overlap, rigid_share
 from granpipe.pipeline.space_average import averaged_of, measured_packing_of, space_gates
 from granpipe.planning.plan import Plan
 
@@ -98,7 +98,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     settings = plan.dem
     simulated = steady_segments(segments, plan)
     reports = [production.reports() for production in productions]
-    overlap = float(np.mean([report.reference_overlap for run in reports for report in run]))
+    overlap = mean_reference_overlap(reports)
     steady = as_rigid(simulated, overlap)
     whole = merge(steady)
     averaged = averaged_of(plan, steady)

@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from granpipe.case.schema import Case
 from granpipe.dem.overlap import Overlap, measure_overlap
 from granpipe.dem.snapshot import Snapshot
@@ -19,6 +21,7 @@ from granpipe.field import Grid
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.average import Sums
 from granpipe.pipeline.averages import reference_range
+from granpipe.pipeline.records import SegmentRecord
 
 _VOLUMES = ("volume", "flow_r", "flow_z", "gain", "level_flow", "solids")
 _EXTRA_SCALED = ("class_volume", "wall_force", "stress", "stress_mass", "stress_support", "stress_motion")
@@ -36,6 +39,11 @@ def reference_overlap(snapshot: Snapshot, case: Case, outline: Outline, grid: Gr
 def rigid_share(overlap: float) -> float:
     """Packing of a bed of rigid particles over that of one with a mean relative overlap δ: (1 − δ)³."""
     return (1 - overlap) ** 3
+
+
+def mean_reference_overlap(reports: Sequence[Sequence[SegmentRecord]]) -> float:
+    """Mean overlap δ where the reference packing is taken, over the segments of all chains."""
+    return float(np.mean([report.reference_overlap for chain in reports for report in chain]))
 
 
 def as_rigid(segments: Sequence[Sums], overlap: float) -> list[Sums]:

@@ -23,6 +23,7 @@ from granpipe.homogenize.statistics import BLOCKS, LEAST_BLOCKS, blocks, flux_er
 from granpipe.pipeline.averages import averaged_field, statistical_errors, steady_segments
 from granpipe.pipeline.production import Production
 from granpipe.pipeline.records import SegmentRecord, SettleRecord
+from granpipe.pipeline.softness import as_rigid, mean_reference_overlap
 from granpipe.planning.plan import Plan
 
 WINDOWS, SHORTER = 7, 0.8
@@ -89,14 +90,15 @@ class FinishedRun:
         return [stops[count - 1] for count in counts if count * len(self.productions) >= LEAST_BLOCKS]
 
     def until(self, end: float) -> list[Sums]:
-        """The segments up to a time, after the transient as a run of that length would see it.
+        """The segments up to a time, after the transient as a run of that length would see it, of rigid particles.
 
         Raises
         ------
         DataError : no segment is left after the transient
         """
         near = end * (1 + 1e-9)
-        return steady_segments([sums for sums in self.segments if sums.stop <= near], self.plan)
+        steady = steady_segments([sums for sums in self.segments if sums.stop <= near], self.plan)
+        return as_rigid(steady, mean_reference_overlap([production.reports() for production in self.productions]))
 
     def seconds(self, end: float) -> float:
         """Time up to a simulated time: that of the slowest chain, for they run side by side."""

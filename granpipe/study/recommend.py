@@ -27,7 +27,7 @@ from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.study.budget import PLAIN, Option, advise, percent, sure_factor
 from granpipe.study.folder import study_name
-from granpipe.study.report import read_study
+from granpipe.study.report import FormerStudy, read_study
 
 SHIPPED = Path(__file__).parents[1] / "templates" / "studies"
 """Studies that are part of granpipe, as their ``study.json``; made by ``benchmarks/study.py``."""
@@ -69,7 +69,7 @@ class Recommendation:
     proven: bool
     fill_angle: float
     unknown: tuple[str, ...]
-    guessed: bool = False
+    guessed: bool
 
     @property
     def expected(self) -> str:
@@ -155,20 +155,27 @@ def recommend(file: CaseFile, results: Path, tolerance: float) -> Recommendation
         raise CaseError(message, place="--total-error")
     for study in (own, *shipped()):
         if study.is_file() and _scene((former := read_study(study)).case) == _scene(file.case):
-            option, proven = _best(former.options, tolerance, study, lambda one: _allowed(file.case, former.case, one))
+            best = _best(former.options, tolerance, study, lambda one: _allowed(file.case, former.case, one))
             where = f"of the study in {study.parent}" if study == own else f"of granpipe's study of {study.stem}"
-            changes = _settings(former.case, option) | _ending(option, tolerance, proven)
-            return Recommendation(
-                _changed(file.case, changes),
-                option,
-                tolerance,
-                changes,
-                where,
-                proven,
-                former.fill_angle,
-                former.unknown,
-            )
+            return _recommendation(file.case, former, where, tolerance, best, _settings(former.case, best[0]))
     return _guess(file.case, tolerance, own)
+
+
+def _recommendation(
+    case: Case,
+    former: FormerStudy,
+    where: str,
+    tolerance: float,
+    best: tuple[Option, bool],
+    settings: dict[str, str],
+    *,
+    guessed: bool = False,
+) -> Recommendation:
+    """The case with the settings of an option, ending at the tolerance."""
+    option, proven = best
+    changes = settings | _ending(option, tolerance, proven)
+    file = _changed(case, changes)
+    return Recommendation(file, option, tolerance, changes, where, proven, former.fill_angle, former.unknown, guessed)
 
 
 def shipped() -> Iterator[Path]:
@@ -251,22 +258,11 @@ def _guess(case: Case, tolerance: float, own: Path) -> Recommendation:
     for study in shipped():
         former = read_study(study)
         options = [option for option in former.options if option.method == "psi" and option.travel > 0]
-        option, proven = _best(options, tolerance, study, lambda _: True)  # its time is this vessel's own
-        model = varied(former.case, option.changes)
-        changes = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
-        changes |= _ending(option, tolerance, proven)
+        best = _best(options, tolerance, study, lambda _: True)  # its time is this vessel's own
+        model = varied(former.case, best[0].changes)
+        settings = carried_over(make_plan(model), particles) | {"dem.replicas": str(model.dem.replicas)}
         where = f"of granpipe's study of {study.stem}"
-        return Recommendation(
-            _changed(case, changes),
-            option,
-            tolerance,
-            changes,
-            where,
-            proven,
-            former.fill_angle,
-            former.unknown,
-            guessed=True,
-        )
+        return _recommendation(case, former, where, tolerance, best, settings, guessed=True)
     raise CaseError(f"file not found: {own}; make it with granpipe study", place="--total-error")
 
 
