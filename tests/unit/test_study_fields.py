@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from fakes.records import SETTLED, segment
+from fakes.sums import NOTHING
 
+from granpipe.case.reader import load_case
 from granpipe.field import Field, Grid, divergence, flux_from_psi
+from granpipe.planning.plan import make_plan
 from granpipe.study.fields import FinishedRun, refined
 
 
@@ -65,6 +68,27 @@ def test_averages_are_shortened_by_a_fifth_until_they_have_no_error_bar(settled:
     assert made.ends == [40, 32, 25, 20, 16, 13, 10]
     short = finished(Chain(0, settled, [float(n) for n in range(1, 11)]))
     assert short.ends == [10, 8]
+
+
+def test_a_study_tells_solids_of_rigid_particles_as_a_run_does(tiny: Path) -> None:
+    """A mean overlap of 3 % over both chains: volumes and flows are (1 − 0.03)³ of the sums."""
+    plan = make_plan(load_case(tiny, {"homogenize.start": "0 s"}))
+
+    class Soft(Chain):
+        def sums(self):
+            return (
+                replace(NOTHING, run=self.run, start=float(number), stop=number + 1.0, flow_z=NOTHING.flow_z - 2.0)
+                for number in range(len(self.wall))
+            )
+
+        def reports(self):
+            return [segment(reference_overlap=0.02 + 0.02 * self.run) for _ in self.wall]
+
+    chains = Soft(0, tiny, [1.0, 2.0]), Soft(1, tiny, [1.0, 2.0])
+    told = FinishedRun(plan=plan, productions=chains).until(np.inf)  # type: ignore[arg-type]
+    assert len(told) == 4
+    for sums in told:
+        np.testing.assert_allclose(sums.flow_z, -2 * 0.97**3)
 
 
 def cone() -> tuple[Field, Grid]:
