@@ -13,9 +13,10 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -31,10 +32,11 @@ from granpipe.field import Array, Field, Grid, flux_from_psi, section_rows
 from granpipe.fluid import wall_packing
 from granpipe.fluid.fictitious import solve_fluid, to_field
 from granpipe.pipeline.fluid_field import section_mesh, wall_law
-from granpipe.pipeline.frictional_field import from_solids, solve_plan
+from granpipe.pipeline.frictional_field import assess, from_solids, solve_plan
 from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.scene import scene_of
 from granpipe.study.report import read_study
 
 HERE = Path(__file__).resolve().parent
@@ -112,11 +114,23 @@ def main() -> None:
     options.out.write_text(page(rows))
     profiles(rows, options.out.parent / "images" / "friction_profiles.png")
     times(rows, options.out.parent / "images" / "friction_time.png")
-    table = {
-        model: {r.reference.name: round(r.errors["whole"], 4) for r in rows if r.model == model and r.errors}
-        for model in MODELS
-    }
-    options.table.write_text(json.dumps(table, indent=1) + "\n")
+    if not options.only:
+        options.table.write_text(json.dumps(table(rows), indent=1) + "\n")
+
+
+def table(rows: list[Row]) -> dict[str, dict[str, Any]]:
+    """Each scene by name: what its error may depend on (`granpipe.fluid.friction_error.Scene`), and both fluids'."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in rows:
+        plan = row.reference.plan
+        scene = scene_of(plan.case, plan.outline)
+        assert scene is not None
+        told = {key: round(one, 3) if isinstance(one, float) else one for key, one in asdict(scene).items()}
+        own = found.setdefault(row.reference.name, told)
+        if row.model != "kinematic" and row.errors:
+            sensitivity = {} if row.sensitivity is None else {"sensitivity": round(row.sensitivity, 4)}
+            own[row.model] = {"error": round(row.errors["whole"], 4)} | sensitivity
+    return found
 
 
 def pack(folder: Path, references: Path) -> None:
@@ -126,10 +140,21 @@ def pack(folder: Path, references: Path) -> None:
     found = compare(field, field, plan.case.outline.levels, plan.dem.classes.sauter_diameter)
     noise = {one.name: one.noise / np.sqrt(2) for one in found}  # both fields count
     save_reference(references / folder.name, field, noise)
+    _enlarge(case["material"]["size"], case["dem"].pop("coarse_grain_factor", 1.0))
     density = plan.case.material.density * field.bulk_packing
     case["material"]["bulk_density"] = f"{density:.4g} kg/m^3"
     case |= {"model": "fluid", "fluid": {"rheology": "frictional"}, "export": [], "figures": []}
     (references / f"{folder.name}.yaml").write_text(yaml.safe_dump(case, sort_keys=False))
+
+
+def _enlarge(size: dict[str, Any], factor: float) -> None:
+    """Sizes of a resolved case as those of the particles that were simulated: they set the fluid's length."""
+    spread = size.get("radius") or size["diameter"]
+    for kind, value in spread.items():
+        if kind in ("mono", "normal"):
+            spread[kind] = {k: factor * v for k, v in value.items()} if isinstance(value, dict) else factor * value
+        elif factor != 1:
+            raise SystemExit(f"write the size of the enlarged particles into the case: not done for {kind}")
 
 
 def save_reference(path: Path, field: Field, noise: dict[str, float]) -> None:
@@ -186,7 +211,10 @@ def load(references: Path, name: str) -> Reference:
 
 @dataclass(frozen=True)
 class Row:
-    """A model in a scene: its field, errors by section with the noise of the reference taken off, and its CPU time."""
+    """A model in a scene: its field, errors by section with the noise of the reference taken off, and its CPU time.
+
+    `sensitivity` is the change of the frictional fluid with wall friction and angle of surfaces together.
+    """
 
     reference: Reference
     model: str
@@ -195,14 +223,15 @@ class Row:
     errors: dict[str, float]
     seconds: float
     refused: str = ""
+    sensitivity: float | None = None
 
 
 def measure(reference: Reference) -> Iterator[Row]:
     """One row for each model."""
     plan = reference.plan
-    friction = bulk_friction(plan.case)
+    friction, packing = bulk_friction(plan.case), reference.field.bulk_packing
     models: dict[str, Callable[[], Field]] = {
-        "frictional": lambda: solve_plan(plan, friction, reference.field.bulk_packing).field,
+        "frictional": lambda: solve_plan(plan, friction, packing).field,
         "viscous": lambda: viscous(plan),
         "kinematic": lambda: kinematic(plan),
     }
@@ -218,7 +247,11 @@ def measure(reference: Reference) -> Iterator[Row]:
         noise = reference.noise
         errors = {one.name: float(np.sqrt(max(one.observed**2 - noise[one.name] ** 2, 0))) for one in found}
         print(reference.name, model, {k: round(v, 3) for k, v in errors.items()}, flush=True)
-        yield Row(reference, model, friction, field, errors, seconds)
+        sensitivity = None
+        if model == "frictional":
+            changes = assess(plan, friction, solve_plan(plan, friction, packing)).figures["sensitivity"]
+            sensitivity = float(np.hypot.reduce([*changes.values(), 0.0]))
+        yield Row(reference, model, friction, field, errors, seconds, sensitivity=sensitivity)
 
 
 def viscous(plan: Plan) -> Field:
@@ -264,7 +297,7 @@ def page(rows: list[Row]) -> str:
         "",
         f"Made by `benchmarks/friction_fluid.py page` on {datetime.now(UTC):%Y-%m-%d}, from the references in",
         made,
-        "`cone-<half-angle>-<μ_w>-<outlet/d>-<μ>-<μ_r>`; `cases/reactor.yaml` with its 6 cm particles;",
+        "`cone-<half-angle>-<μ_w>-<outlet/d>-<μ>-<μ_r>`; `cases/reactor.yaml`, the fluid with its 6 cm particles too;",
         "`cases/gallery`; `flat-10` of `cases` here, `flat-10-funnel` by `friction_floors.py`; the silos `6-0_5-1` of",
         "`benchmarks/validation/beverloo.py` with and without rolling friction).",
         "",
@@ -288,18 +321,31 @@ def page(rows: list[Row]) -> str:
         "Error over the whole vessel against time of one core; the squares are the DEM options of the shipped study of",
         "`cases/reactor.yaml`, with the error that the study tells.",
         "",
-        "| scene | model | μ_i | μ_w | whole | sections | noise | s |",
-        "|---|---|---|---|---|---|---|---|",
+        "| scene | kind | model | μ_i | μ_w | whole | sensitivity | sections | noise | s |",
+        "|---" * 10 + "|",
     ]
     for row in rows:
         name, friction = row.reference.name, row.friction
+        scene = scene_of(row.reference.plan.case, row.reference.plan.outline)
+        kind = "" if scene is None else scene.kind
+        change = "" if row.sensitivity is None else f"{100 * row.sensitivity:.0f} %"
         own = [f"{friction.internal:.2f}", f"{friction.wall:.2f}"] if row.model == "frictional" else ["", ""]
         if row.field is None:
-            lines.append(f"| {name} | {row.model} | | | refused | {row.refused} | | |")
+            lines.append(f"| {name} | {kind} | {row.model} | | | refused | | {row.refused} | | |")
             continue
         parts = ", ".join(f"{key} {100 * value:.0f}" for key, value in row.errors.items() if key != "whole")
         whole, noise = 100 * row.errors["whole"], 100 * row.reference.noise["whole"]
-        cells = [name, row.model, *own, f"**{whole:.0f} %**", parts, f"{noise:.1f} %", f"{row.seconds:.1f}"]
+        cells = [
+            name,
+            kind,
+            row.model,
+            *own,
+            f"**{whole:.0f} %**",
+            change,
+            parts,
+            f"{noise:.1f} %",
+            f"{row.seconds:.1f}",
+        ]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, ""])
 

@@ -13,7 +13,7 @@ from granpipe.case.material import Material
 from granpipe.case.outline import OutlineSpec
 from granpipe.case.simulation import Dem, Homogenize
 from granpipe.case.units import MASS_FLOW, VOLUME_FLOW, Dimension
-from granpipe.case.values import Flow, Group, Name, OneOf, SomeOf, refuse
+from granpipe.case.values import Flow, Group, Name, OneOf, Quantity, SomeOf, refuse
 from granpipe.case.vessel import VesselSpec
 from granpipe.case.yamlfile import dump_yaml
 
@@ -60,6 +60,12 @@ class Case(Group):
         default="auto",
         description="Fictitious fluid, particles (dem), both joined (hybrid), or what the sections need (auto).",
     )
+    total_error: Annotated[float | None, Quantity(above=0, below=1)] = Field(
+        default=None,
+        description="Error of the field, against particles of the material's own size, within which `model: auto` "
+        "takes the cheapest model: a fluid of either rheology, whose error is known from vessels of the same kind, or "
+        "particles. Only beside `model: auto`.",
+    )
     dem: Dem = Field(default_factory=Dem, description="The DEM simulation.")
     homogenize: Homogenize = Field(default_factory=Homogenize, description="From particles to a field.")
     fluid: Fluid = Field(default_factory=Fluid, description="The fictitious fluid.")
@@ -87,6 +93,13 @@ class Case(Group):
                 refuse(
                     f"must agree with model: {self.model}; or set model: auto", ("outline", "sections", name, "model")
                 )
+            if self.total_error is not None and section.model is not None:
+                refuse(
+                    "total_error chooses one model for the whole vessel; leave this out, or total_error",
+                    ("outline", "sections", name, "model"),
+                )
+        if self.total_error is not None and self.model != "auto":
+            refuse("belongs to model: auto, which chooses by it; leave it out", ("total_error",))
         start, end = self.homogenize.start, self.dem.max_time
         if start != "auto" and end != "auto" and start >= end:
             refuse(f"must be below dem.max_time ({end:g} s)", ("homogenize", "start"))

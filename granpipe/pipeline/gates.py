@@ -15,6 +15,7 @@ import numpy as np
 
 from granpipe.dem.contact import MEAN_OVERLAP, P99_OVERLAP
 from granpipe.field import Array, Field, level_flow
+from granpipe.planning.plan import FEWEST_DIAMETERS as FEWEST_OF_FRICTION
 from granpipe.planning.plan import LEAST_CELLS, Plan
 
 
@@ -268,7 +269,7 @@ FEWEST_DIAMETERS = Limit(
     "narrowest opening of a frictional fluid, in particle diameters",
     FLUID,
     "Narrower openings flow in jerks, which a steady fluid does not know; the fluid was compared with DEM from 10 on.",
-    low=8,
+    low=FEWEST_OF_FRICTION,
     remedy="use particles: model: dem",
 )
 CONSERVED = Limit(

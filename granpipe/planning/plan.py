@@ -9,11 +9,13 @@ from typing import Literal
 
 import numpy as np
 
+from granpipe.case.reader import varied
 from granpipe.case.schema import Case
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, check_gap, choose
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError, MeshError
 from granpipe.field import Array, Box, Grid, section_rows
+from granpipe.fluid.friction_error import ExpectedError, Rheology, expected_error
 from granpipe.geometry.free_surfaces import voids
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
@@ -23,6 +25,7 @@ from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
 from granpipe.planning.doubts import doubts, size_hint, unit_hint
 from granpipe.planning.flow import check_flow_rate
 from granpipe.planning.plane import check_plane, depth_note
+from granpipe.planning.scene import scene_of
 from granpipe.planning.sections import section_needs, section_ranges
 from granpipe.planning.set_back import check_whole, walls_of
 from granpipe.planning.space import (
@@ -90,6 +93,16 @@ FIELDS = ("homogenize", "fields")
 
 FROM_ANY_MODEL = ("residence_time", "strain_rate", "age")
 """What of homogenize.fields follows from flow and packing alone, however they were found."""
+
+RHEOLOGIES: tuple[Rheology, ...] = ("viscous", "frictional")
+"""From the cheapest on."""
+
+FEWEST_DIAMETERS = 8.0
+"""Openings below this many particle diameters mark a frictional fluid: they flow in jerks."""
+
+TOTAL_ERROR, STATISTICAL_ERROR = ("total_error",), ("dem", "statistical_error")
+BY_STUDY = "make a study of the case and run it with --total-error"
+BY_PARTICLES = f"give model: dem with dem.statistical_error, or {BY_STUDY}"
 
 HYBRID_GAIN = 0.8
 """`auto` takes the hybrid only where its DEM costs less than this part of a DEM run of the whole vessel."""
@@ -200,10 +213,74 @@ def make_plan(case: Case, cores: int = 1) -> Plan:
     ------
     CaseError : the case asks for what is impossible, or for a model that cannot be right
     """
+    if case.total_error is not None:
+        return _plan_within(case, case.total_error, cores)
     if case.vessel is not None:
         return _space_plan(case, cores)
     scene = _Scene(case, cores)
     return scene.plan(scene.choose_model())
+
+
+def _plan_within(case: Case, error: float, cores: int) -> Plan:
+    """The cheapest model whose error is at most that which the case asks for, by vessels of the same kind."""
+    if case.vessel is not None:
+        raise CaseError(f"of vessels in space no error is known; {BY_PARTICLES}", TOTAL_ERROR)
+    scene = scene_of(case, _Scene(case, cores).outline)
+    left: list[Stage] = []
+    known = False
+    for rheology in RHEOLOGIES if case.fluid.rheology == "viscous" else ("frictional",):
+        expected = expected_error(rheology, scene)
+        if isinstance(expected, ExpectedError):
+            known = True
+            plan = _fluid_within(case, rheology, expected, error, cores)
+            if isinstance(plan, Plan):
+                chosen = f"{rheology} fluid, the cheapest within total_error {error:.3g}: {expected.text()}"
+                return _with_choice(plan, chosen, left)
+            left.append(Stage(f"{rheology} fluid", plan))
+        else:
+            left.append(Stage(f"{rheology} fluid", expected))
+    fluids = "; ".join(f"{one.name}: {one.reason}" for one in left)
+    if not known:
+        raise CaseError(f"no error is known to choose a model by ({fluids}); {BY_PARTICLES}", TOTAL_ERROR)
+    if case.dem.coarse_grain_factor > 1:
+        raise CaseError(
+            f"no fluid is within it ({fluids}), and of enlarged particles no error is known: leave "
+            f"dem.coarse_grain_factor out, or {BY_STUDY}",
+            TOTAL_ERROR,
+        )
+    if case.homogenize.method == "gaussian":
+        raise CaseError(
+            f"no fluid is within total_error ({fluids}), and only method: psi tells the error of particles",
+            ("homogenize", "method"),
+        )
+    if (case.dem.statistical_error or error) > error:
+        raise CaseError(f"no fluid is within total_error ({fluids}), and this is beyond it", STATISTICAL_ERROR)
+    target = case.dem.statistical_error or error
+    dem = case.dem.model_copy(update={"statistical_error": target})
+    plan = _Scene(case.model_copy(update={"dem": dem}), cores).plan("dem")
+    chosen = f"particles of the material's own size, until their statistical error is {target:.3g}: no fluid is within"
+    return _with_choice(plan, f"{chosen} total_error {error:.3g}", left)
+
+
+def _fluid_within(case: Case, rheology: Rheology, expected: ExpectedError, error: float, cores: int) -> Plan | str:
+    """The plan of a fluid, or why it is not taken."""
+    if expected.worst > error:
+        return f"{expected.text()}: beyond total_error {error:.3g}"
+    try:
+        plan = _Scene(varied(case, {"fluid.rheology": rheology}), cores).plan("fluid")
+    except CaseError as problem:
+        return f"not possible: {problem}"
+    narrow = min(plan.openings, key=lambda opening: opening.gap)
+    diameters = narrow.gap / size_classes(case.material.size).sauter_diameter
+    if rheology == "frictional" and diameters < FEWEST_DIAMETERS:
+        return f"would be marked: {narrow.name} of {diameters:.3g} d; it flows in jerks below {FEWEST_DIAMETERS:g}"
+    return f"would be marked: {'; '.join(plan.breaches)}" if plan.breaches else plan
+
+
+def _with_choice(plan: Plan, chosen: str, left: Iterable[Stage]) -> Plan:
+    """The plan with why its model was taken, and no other."""
+    hybrid = Stage("hybrid", "no error of hybrids is known from vessels of the same kind")
+    return replace(plan, stages=(Stage("model", chosen), *plan.stages), left_out=(*left, hybrid, *plan.left_out))
 
 
 def model_plans(case: Case, cores: int = 1) -> dict[Model, Plan | CaseError]:

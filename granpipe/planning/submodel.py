@@ -125,7 +125,13 @@ def sub_case(case: Case, span: Span) -> Case:
     outline = OutlineSpec(**kept | {"unit": "m", "obstacles": obstacles, "sections": sections} | walls)
     homogenize = case.homogenize.model_copy(update={"fields": ()})  # the whole vessel's field has no use for them
     return case.model_copy(
-        update={"name": f"{case.name}-{span.name}", "outline": outline, "homogenize": homogenize, "model": "dem"}
+        update={
+            "name": f"{case.name}-{span.name}",
+            "outline": outline,
+            "homogenize": homogenize,
+            "model": "dem",
+            "total_error": None,
+        }
     )
 
 

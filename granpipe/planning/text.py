@@ -10,6 +10,7 @@ from granpipe.errors import CaseError, GranpipeError
 from granpipe.fluid.friction_error import expected_error
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Model, Plan
+from granpipe.planning.scene import scene_of
 from granpipe.progress import duration_text
 from granpipe.system.rates import Rates
 
@@ -96,10 +97,16 @@ def _variant_line(name: str, plan: Plan | CaseError, rates: Rates | None) -> str
         return f"  {name} not possible: {plan}"
     time_text = duration_text(forecast(plan, rates))
     unfit = "; does not describe every section" if plan.unfit else ""
-    error = f"; {expected_error(plan.case.fluid.rheology).text()}" if plan.model == "fluid" else ""
+    error = f"; {_error_text(plan)}" if plan.model == "fluid" else ""
     runs = [part.dem for _, part in _dem_runs(plan)]
     particles = " + ".join(str(dem.particles) for dem in runs) or "no"
     return (
         f"  {name} {particles} particles, {plan.particle_steps:.3g} particle-steps, about {time_text}, "
         f"{plan.disk_bytes / 1e6:.3g} MB of disk at the most{unfit}{error}"
     )
+
+
+def _error_text(plan: Plan) -> str:
+    """What error is to be expected of a fluid, or why that is not known."""
+    expected = expected_error(plan.case.fluid.rheology, scene_of(plan.case, plan.outline))
+    return expected if isinstance(expected, str) else expected.text()

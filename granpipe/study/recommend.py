@@ -149,6 +149,8 @@ def recommend(file: CaseFile, results: Path, tolerance: float) -> Recommendation
     ------
     CaseError : no study has such an option, or the study in the results folder is of another scene
     """
+    if file.case.total_error is not None:
+        raise CaseError("given in the case and as --total-error: leave one of them out", ("total_error",))
     own = results / study_name(file.case) / "study.json"
     if own.is_file() and _scene(read_study(own).case) != _scene(file.case):
         message = f"{own.parent} is a study of another vessel or material; run granpipe study again, or move it away"

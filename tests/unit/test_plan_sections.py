@@ -164,7 +164,7 @@ def test_a_fluid_of_what_it_does_not_describe_is_marked_and_the_plan_says_one_th
     assert "every section is straight" in text
     assert "does not describe" not in text
     assert "fluid, frictional" in text  # stands beside, with its error
-    assert text.count("wrong on average against DEM") == 2
+    assert text.count("its error is not known: of its kind (pipe) 0 vessels") == 2
 
 
 def test_a_heap_on_an_obstacle_belongs_to_the_section_above_it() -> None:
