@@ -49,6 +49,12 @@ class RZMesh:
         outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
         return np.asarray(outward / np.hypot(*outward.T)[:, None])
 
+    def outlet(self) -> tuple[float, float]:
+        """r of the middle of the outlet, and its radius [m]; of a slot half its width."""
+        r = self.ends()[self.named("outlet"), :, 0]
+        middle = 0.0 if self.measure.axial else 0.5 * float(r.min() + r.max())
+        return middle, float(r.max()) - middle
+
     def free_area(self, z: Array) -> Array:
         """(...) horizontal free cross-section Ω at the heights `z` [m²], from the boundary edges that cross them.
 

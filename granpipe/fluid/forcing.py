@@ -98,9 +98,8 @@ class KnownFlow:
 
 def force_of(known: KnownFlow, mesh: RZMesh) -> Forcing:
     """The volume force in a mesh, for a fluid with a flow of 1 m³/s and unit viscosity."""
-    outlet = mesh.ends()[mesh.named("outlet"), :, 0]
-    radius = outlet.max() if mesh.measure.axial else 0.5 * np.ptp(outlet)
-    full = known.force_factor / float(radius) ** 2
+    _, radius = mesh.outlet()
+    full = known.force_factor / radius**2
 
     def factor(r: Array, z: Array) -> Array:
         return full * known.strength(z)

@@ -1,4 +1,8 @@
-"""Integrals of a frictional fluid on a mesh: everything that stays the same while the viscosity changes."""
+"""Integrals of a frictional fluid on a mesh: everything that stays the same while the viscosity changes.
+
+Integrals over the volume are over 2π, or over the depth of a slab: there the weight r is 1, and nothing is strained
+along y.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,8 @@ class FrictionForms:
         self.space, self.pressure = space, pressure
         basis = space.basis
         self.r, self.z = (np.asarray(x) for x in np.asarray(basis.global_coordinates()))  # (ne, nq)
-        self.weight = np.asarray(basis.dx) * self.r  # (ne, nq) of an integral over the volume, over 2π
+        self._measure = space.mesh.measure
+        self.weight = np.asarray(basis.dx) * self._measure.weight(self.r)  # (ne, nq) of an integral over the volume
         self.edges = np.flatnonzero(rubbing)
         self._strain = self._strain_operator()
         dofs = basis.element_dofs.T  # (ne, 6)
@@ -40,12 +45,13 @@ class FrictionForms:
         self._corner_shape = np.stack([np.broadcast_to(np.asarray(b[0]), self.r.shape) for b in pressure.basis.basis])
 
     def _strain_operator(self) -> Array:
-        """(ne, nq, 4, 12): rr, zz, θθ and twice rz of D from the element's u and w."""
+        """(ne, nq, 4, 12): rr, zz, θθ (0 in a slab) and twice rz of D from the element's u and w."""
         shape = np.stack([np.broadcast_to(np.asarray(b[0]), self.r.shape) for b in self.space.basis.basis], -1)
         slope = np.stack([b[0].grad for b in self.space.basis.basis], -1)  # (2, ne, nq, 6)
         made = np.zeros((*self.r.shape, 4, 12))
         made[:, :, 0, :6], made[:, :, 1, 6:] = slope[0], slope[1]
-        made[:, :, 2, :6] = shape / self.r[..., None]
+        if self._measure.axial:
+            made[:, :, 2, :6] = shape / self.r[..., None]
         made[:, :, 3, :6], made[:, :, 3, 6:] = slope[1], slope[0]
         return made
 
@@ -81,7 +87,7 @@ class FrictionForms:
 
     @cached_property
     def volume(self) -> Array:
-        """(N,) share of each node in the volume over 2π: a lumped mass of vertices and edges, all positive."""
+        """(N,) share of each node in the volume: a lumped mass of vertices and edges, all positive."""
         total = self.weight.sum(axis=1) / 6
         dofs = self.space.basis.element_dofs.ravel()
         return np.bincount(dofs, np.tile(total, 6), minlength=self.space.size).astype(float)
@@ -90,11 +96,12 @@ class FrictionForms:
 
     @cached_property
     def edge_points(self) -> tuple[Array, Array, Array]:
-        """r, z and the weight of an integral over the surface (over 2π), (e, 3) each."""
+        """r, z and the weight of an integral over the surface, (e, 3) each."""
         ends = self.space.mesh.ends()[self.edges]
         place = ends[:, None, 0] + EDGE_PLACES[:, None] * (ends[:, 1] - ends[:, 0])[:, None]
         length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-        return place[..., 0], place[..., 1], place[..., 0] * length[:, None] * EDGE_WEIGHTS
+        r, z = place.transpose(2, 0, 1)
+        return r, z, self._measure.weight(r) * length[:, None] * EDGE_WEIGHTS
 
     @cached_property
     def _tangent(self) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from granpipe.errors import SolveError
-from granpipe.field import Array, Mask
+from granpipe.field import Array, Mask, Measure
 from granpipe.fluid.constraints import Constraints, constrain
 from granpipe.fluid.direct import solve_ordered
 from granpipe.fluid.elements import Space
@@ -176,11 +176,12 @@ class _Problem:
 
 @dataclass(frozen=True)
 class _Levels:
-    """Mean speed U and radius R of the free area at each level, by linear interpolation."""
+    """Mean speed U and radius R (in a slab half the width) of the free area at each level, by linear interpolation."""
 
     z: Array
     area: Array
     flow: float
+    measure: Measure
 
     def __init__(self, mesh: RZMesh, flow: float) -> None:
         heights = np.unique(mesh.ends()[..., 1])
@@ -188,10 +189,11 @@ class _Levels:
         object.__setattr__(self, "z", middle)
         object.__setattr__(self, "area", mesh.free_area(middle))
         object.__setattr__(self, "flow", flow)
+        object.__setattr__(self, "measure", mesh.measure)
 
     def radius(self, z: Array) -> Array:
-        """√(Ω/π)."""
-        return np.asarray(np.sqrt(np.interp(z, self.z, self.area) / np.pi))
+        """√(Ω/π), or half the free width."""
+        return self.measure.radius(np.interp(z, self.z, self.area))
 
     def speed(self, z: Array) -> Array:
         """Φ/Ω."""

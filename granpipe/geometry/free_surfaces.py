@@ -2,7 +2,7 @@
 
 A void lies below every underside of wall or obstacle that is flatter than the angle of repose: the surface starts at
 the edge from which the solids come, falls away from it, and ends where it meets another wall, the axis or the surface
-from the underside's other edge. In r–z such surfaces are cones.
+from the underside's other edge. In r–z such surfaces are cones, in a slab they are flat.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from granpipe.geometry.outline import Outline
 
 @dataclass(frozen=True)
 class _Underside:
-    """Edges that face downwards, from the axis outwards; whether solids pass by its inner and its outer end."""
+    """Edges that face downwards, by rising r or x; whether solids pass by its inner and its outer end."""
 
     points: Array
     open_inside: bool
@@ -51,9 +51,8 @@ def free_surfaces(outline: Outline, angle: float) -> list[Array]:
     """The surfaces that bound the voids, as lines (n, 2) [m]: what of their edges lies within the vessel."""
     import shapely
 
-    wall = outline.wall
-    shell = [[0.0, wall[0, 1]], *wall, [0.0, wall[-1, 1]], [0.0, wall[0, 1]]]
-    solids = [shell, *(np.vstack([p, p[:1]]) for p in outline.obstacles.values())]
+    border = outline.border
+    solids = [np.vstack([border, border[:1]]), *(np.vstack([p, p[:1]]) for p in outline.obstacles.values())]
     near = shapely.union_all([shapely.LineString(one) for one in solids]).buffer(outline.tolerance)
     found: list[Array] = []
     for polygon in _voids(outline, angle):
@@ -69,8 +68,7 @@ def _voids(outline: Outline, angle: float) -> list[Array]:
     chains = [*_undersides(outline, angle)]
     if not chains:
         return []
-    top, bottom = outline.wall[[0, -1], 1]
-    free = shapely.Polygon([(0, top), *outline.wall, (0, bottom)])
+    free = shapely.Polygon(outline.border)
     free = free.difference(shapely.union_all([shapely.Polygon(p) for p in outline.obstacles.values()]))
     parts: list[Any] = []
     for chain in chains:
@@ -78,15 +76,19 @@ def _voids(outline: Outline, angle: float) -> list[Array]:
         own = shapely.LineString(chain.points)
         parts += [p for p in shapely.get_parts(region) if p.distance(own) <= outline.tolerance and p.area > 0]
     whole = shapely.get_parts(shapely.union_all(parts))
-    found = [part for part in whole if part.area > outline.tolerance * outline.r_max]
+    found = [part for part in whole if part.area > outline.tolerance * (outline.r_max - outline.r_min)]
     return [np.array(part.exterior.coords)[:-1] for part in found]
 
 
 def _undersides(outline: Outline, angle: float) -> Iterator[_Underside]:
+    turn = np.array([-1.0, 1.0])
     yield from _chains(outline.wall, False, angle, lambda one: (True, False))
+    for left in outline.halves[1:]:
+        for chain in _chains(left.wall, False, angle, lambda one: (True, False)):
+            yield _Underside(chain.points[::-1] * turn, chain.open_outside, chain.open_inside)
 
     def ends(points: Array) -> tuple[bool, bool]:
-        at_axis = points[0, 0] <= outline.tolerance
+        at_axis = points[0, 0] <= float(outline.left_end(points[0, 1])) + outline.tolerance
         at_wall = points[-1, 0] >= float(outline.wall_radius(points[-1, 1])) - outline.tolerance
         return not at_axis, not at_wall
 
@@ -122,10 +124,10 @@ def _chains(points: Array, closed: bool, angle: float, ends: Any) -> Iterator[_U
 def _below(chain: _Underside, angle: float, outline: Outline) -> Array:
     """The region below an underside and above the surfaces that start at its open ends (n, 2)."""
     (r0, z0), (r1, z1) = chain.points[0], chain.points[-1]
-    steep, far = tan(angle), outline.r_max + outline.z_top - outline.z_bottom
+    steep, far = tan(angle), outline.r_max - outline.r_min + outline.z_top - outline.z_bottom
     if chain.open_inside and chain.open_outside:
         r = 0.5 * (r0 + r1) + 0.5 * (z0 - z1) / steep
         return np.vstack([chain.points, [[r, z0 - steep * (r - r0)]]])
     if chain.open_inside:
-        return np.vstack([chain.points, [[far, z1], [far, z0 - steep * (far - r0)]]])
+        return np.vstack([chain.points, [[r0 + far, z1], [r0 + far, z0 - steep * far]]])
     return np.vstack([chain.points, [[r1 - far, z1 - steep * far], [r1 - far, z0]]])

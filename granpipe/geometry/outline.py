@@ -118,6 +118,11 @@ class Outline:
         return 2 * self.outlet_radius if self.measure.axial else float(self.wall[-1, 0] - self.left[-1, 0])
 
     @property
+    def walls(self) -> tuple[Array, ...]:
+        """The outer wall, or the right and the left one of a slab: (n, 2) points each [m]."""
+        return (self.wall,) if self.measure.axial else (self.wall, self.left)
+
+    @property
     def left_wall(self) -> list[tuple[float, float]] | None:
         """Points (x, z) of the left wall of a slab [m]; None beside an axis."""
         return None if self.measure.axial else [(float(x), float(z)) for x, z in self.left]

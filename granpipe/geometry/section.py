@@ -39,7 +39,7 @@ def mesh_section(
     corner_refinement : how much smaller the elements at corners are
     bands : lower end, upper end and largest element of ranges that a known flow needs to be fine [m]
     outlet_radii : where the outflow jumps, as at the edges of an annular outlet [m]
-    left : (n, 2) x and z of the left wall of a slab, from the top down [m]
+    left : (n, 2) x and z of the left wall of a slab, from the top down [m]; not needed beside an axis
     measure : what the section stands for
 
     Returns
@@ -50,7 +50,7 @@ def mesh_section(
     ------
     MeshError : gmsh cannot mesh the section
     """
-    if left is None:
+    if left is None or measure.axial:
         left, origin = wall[[0, -1]] * [0.0, 1.0], np.zeros(2)
     else:  # far from x = 0 lengths would lose digits
         origin, cells_across = np.array([left[:, 0].min(), 0.0]), 4 * cells_across

@@ -30,7 +30,7 @@ def section_mesh(plan: Plan, bands: Sequence[tuple[float, float, float]] = ()) -
         sections,
         bands=bands,
         outlet_radii=plan.case.fluid.annulus or (),
-        left=None if plan.outline.measure.axial else plan.outline.left,
+        left=plan.outline.left,
         measure=plan.outline.measure,
     )
 

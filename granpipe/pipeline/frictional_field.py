@@ -29,7 +29,8 @@ from granpipe.planning.plan import Plan
 from granpipe.rzmesh import RZMesh
 
 RESERVOIR, PIPE = 1.0, 2.0
-"""The vessel goes on straight above its inlet and below its outlet by this many radii, as that of a DEM run does."""
+"""The vessel goes on straight above its inlet and below its outlet by this many radii (in a slab half widths), as that
+of a DEM run does."""
 
 CELLS_ACROSS, COARSE_CELLS, CORNER_REFINEMENT = 14.0, 10.0, 3.0
 """The mesh of the field has 14 cells across; the coarser one tells how much the field depends on it."""
@@ -158,18 +159,24 @@ def solve_plan(
 
 def friction_mesh(plan: Plan, empty: list[Array], cells_across: float = CELLS_ACROSS) -> RZMesh:
     """Mesh of the vessel without its voids, with a straight pipe above, and below where a plate moves down in one."""
-    wall = plan.outline.wall
-    (r_in, z_in), (r_out, z_out) = wall[0], wall[-1]
-    below = [[r_out, z_out - PIPE * r_out]] if _outlet(plan) == Outlet() else []
-    longer = np.array([[r_in, z_in + RESERVOIR * r_in], *wall, *below])
+    outline = plan.outline
+    inlet, outlet = (float(outline.measure.radius(area)) for area in (outline.inlet_area, outline.outlet_area))
+
+    def longer(side: Array) -> Array:
+        (r_in, z_in), (r_out, z_out) = side[0], side[-1]
+        below = [[r_out, z_out - PIPE * outlet]] if _outlet(plan) == Outlet() else []
+        return np.array([[r_in, z_in + RESERVOIR * inlet], *side, *below])
+
     surfaces = {f"{SURFACE} {i}": polygon for i, polygon in enumerate(empty, start=1)}
     return mesh_section(
-        longer,
-        dict(plan.outline.obstacles) | surfaces,
+        longer(outline.wall),
+        dict(outline.obstacles) | surfaces,
         plan.case.outline.levels,
         cells_across=cells_across,
         corner_refinement=CORNER_REFINEMENT,
         outlet_radii=plan.case.fluid.annulus or (),
+        left=longer(outline.left),
+        measure=outline.measure,
     )
 
 
@@ -190,7 +197,7 @@ def from_solids(plan: Plan) -> Array:
     import shapely
 
     outline, grid = plan.outline, plan.grid
-    solids = [shapely.LineString(outline.wall), *(shapely.Polygon(p) for p in outline.obstacles.values())]
+    solids = [*map(shapely.LineString, outline.walls), *(shapely.Polygon(p) for p in outline.obstacles.values())]
     r, z = np.meshgrid(grid.r_centres, grid.z_edges)
     return np.asarray(shapely.distance(shapely.points(r, z), shapely.union_all(solids)))
 

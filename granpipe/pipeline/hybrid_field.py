@@ -124,7 +124,7 @@ def _joined(plan: Plan, followed: Followed, known: KnownFlow, packing: float) ->
     told = assess(plan, plan.friction, solved, ends)
     free, flow = solved.field, solved.field.bulk_flow
     assert free.psi is not None
-    unit = known.psi / (-2 * np.pi * known.psi[:, -1:])
+    unit = known.psi / (-known.measure.turn * known.psi[:, -1:])
     psi = share * unit * packing * flow + (1 - share) * free.psi
     flux_r, flux_z = flux_from_psi(psi, plan.grid)
     field = replace(

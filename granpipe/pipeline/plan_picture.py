@@ -52,7 +52,7 @@ def planned(plan: Plan) -> Planned:
         openings={one.name: (one.z, one.r_inner, one.r_outer) for one in find_openings(outline)},
         feed=None if dem is None else (dem.feed_bottom, dem.feed_top),
         plate=None if dem is None or dem.open_outlet else (dem.plate_z, dem.plate_level(dem.steps)),
-        surfaces=free_surfaces(outline, repose) if outline.measure.axial else [],
+        surfaces=free_surfaces(outline, repose),
         repose=repose,
         set_back=() if seen is None else (seen.wall, *(np.vstack([p, p[:1]]) for p in seen.obstacles.values())),
     )

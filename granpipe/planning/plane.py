@@ -29,8 +29,6 @@ def check_plane(case: Case, by_dumps: bool = False) -> None:
     if case.outline.symmetry == "axis":
         return
     if not by_dumps:
-        if case.fluid.rheology != "viscous":
-            raise CaseError("a slab is computed as a viscous fluid only; leave it out", ("fluid", "rheology"))
         if case.fluid.annulus is not None:
             raise CaseError("an annular outlet needs an axis; a slab has none", ("fluid", "annulus"))
         if case.dem.facets != "auto":
