@@ -89,9 +89,8 @@ def plan_picture(planned: Planned, title: str, path: Path) -> None:
         axes.set(
             xlabel=across, ylabel="z [m]", xlim=(begin - 0.03 * width, begin + 2.0 * width), title=title, aspect="equal"
         )
-        if planned.axial:
-            told = f"red: free surfaces to be expected ({np.degrees(planned.repose):.0f}°)"
-            figure.text(0.01, 0.005, told, fontsize=7, color=RED)
+        told = f"red: free surfaces to be expected ({np.degrees(planned.repose):.0f}°)"
+        figure.text(0.01, 0.005, told, fontsize=7, color=RED)
         if planned.set_back:
             figure.text(0.99, 0.005, "dotted: walls that particles see", fontsize=7, color=INK, ha="right")
         figure.savefig(path, dpi=DPI)

@@ -58,6 +58,26 @@ def test_a_surface_ends_where_it_meets_an_obstacle() -> None:
     assert (0.7, 2.8) in set.union(*(corners(one) for one in found))
 
 
+def test_in_a_slab_surfaces_fall_from_both_walls_and_from_what_stands_on_them() -> None:
+    left = [[-0.25, 4.0], [-0.25, 3.5], [-1.0, 3.5], [-1.0, 0.0]]
+    right = [[0.5, 4.0], [0.5, 3.0], [1.0, 3.0], [1.0, 0.0]]
+    bars = {"shelf": [[-1, 1], [-0.8, 1], [-0.8, 1.2], [-1, 1.2]], "bar": [[-0.2, 1], [0, 1], [0, 1.2], [-0.2, 1.2]]}
+    slab = Outline.of(right, bars, left=left, depth=2.0)
+    expected = [
+        {(0.5, 3.0), (1.0, 3.0), (1.0, 2.5)},
+        {(-0.25, 3.5), (-1.0, 3.5), (-1.0, 2.75)},
+        {(-0.8, 1.0), (-1.0, 1.0), (-1.0, 0.8)},
+        {(-0.2, 1.0), (0.0, 1.0), (-0.1, 0.9)},
+    ]
+    found = [corners(one) for one in voids(slab, ANGLE)]
+    assert sorted(map(sorted, found)) == sorted(map(sorted, expected))
+    mirrored = [{(-x, z) for x, z in corners(one)} for one in voids(slab.mirrored(), ANGLE)]
+    assert sorted(map(sorted, mirrored)) == sorted(map(sorted, expected))
+    lines = [corners(np.round(line, 4)) for line in free_surfaces(slab, ANGLE)]
+    assert {(-0.25, 3.5), (-1.0, 2.75)} in lines
+    assert len(lines) == 4
+
+
 def test_a_surface_that_reaches_the_outlet_is_refused() -> None:
     with pytest.raises(CaseError, match="reaches the outlet"):
         voids(Outline.of([[0.5, 4], [0.5, 3], [1, 3], [1, 2.7]]), ANGLE)

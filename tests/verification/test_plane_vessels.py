@@ -234,7 +234,6 @@ def test_a_hopper_of_which_nothing_is_said_needs_particles():
 @pytest.mark.parametrize(
     ("changes", "key", "words"),
     [
-        ({"fluid__rheology": "frictional"}, ("fluid", "rheology"), "viscous"),
         ({"export": ["openfoam"]}, ("export",), "comsol"),
         ({"homogenize__fields": ["stress"]}, ("homogenize", "fields"), "choose of particle_velocity"),
         ({"homogenize__fields": ["wall_pressure"]}, ("homogenize", "fields"), "choose of particle_velocity"),
