@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -18,13 +19,20 @@ import numpy as np
 from run import machine
 
 from granpipe.analysis.compare import Difference, compare
-from granpipe.case.reader import CaseFile, read_case
+from granpipe.case.reader import CaseFile, read_case, varied
 from granpipe.dem.contact import slot_flow
 from granpipe.field import Array, Box, Field
+from granpipe.fluid.fictitious import solve_fluid, to_field
+from granpipe.fluid.wall_speed import WallLaw
+from granpipe.geometry.outline import Outline
 from granpipe.homogenize.average import Collector, Sums
 from granpipe.pipeline.averages import averaged_field
 from granpipe.pipeline.dem_stages import finished_productions
+from granpipe.pipeline.fluid_field import section_mesh
+from granpipe.pipeline.frictional_field import solve_plan
 from granpipe.pipeline.run import run_case
+from granpipe.planning.bulk_friction import bulk_friction
+from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import make_plan
 from granpipe.progress import Silent
 from granpipe.system.store import Store
@@ -87,6 +95,7 @@ def main() -> None:
                 *thickness(options.results),
                 *box(options.results),
                 *slots(options.results),
+                *frictional(options.results, cases),
             ]
         )
         + "\n"
@@ -299,6 +308,41 @@ def turned(field: Field) -> Field:
         bulk_packing=field.bulk_packing,
         flow_scale=field.flow_scale,
     )
+
+
+def frictional(results: Path, cases: Mapping[str, CaseFile]) -> Iterator[str]:
+    """The frictional fluid, and the viscous one with plug flow, against the particles."""
+    yield "## Frictional fluid"
+    yield ""
+    yield "Relative RMS difference from the fields of particles above, their noise taken off; `slot-8` discharges freely"
+    yield "above a floor. Openings below 8 d are marked. The viscous fluid has a wall factor of 1, as the case would"
+    yield "have to give it. s: processor seconds of one solve."
+    yield ""
+    yield "| vessel | fluid | whole | by section | noise | tension | s |"
+    yield "|---|---|---|---|---|---|---|"
+    for name in ("symmetric", hopper_name(max(THICKNESSES)), f"slot-{max(SLOTS)}"):
+        field, file = field_of(results, name), cases[name]
+        plan = make_plan(varied(file.case, {"material.bulk_density": repr(field.bulk_packing * file.case.material.density)}))
+        plan = replace(plan, outline=Outline.from_case(plan.case), grid=field.grid)
+        friction, flow = bulk_friction(plan.case), target_flow(plan.case, field.bulk_packing)
+        for fluid in ("frictional", "viscous"):
+            started, tension = time.process_time(), "–"
+            if fluid == "frictional":
+                solved = solve_plan(plan, friction, field.bulk_packing)
+                made, tension = solved.field, f"{solved.friction.tension:.1%}"
+            else:
+                made = to_field(
+                    solve_fluid(section_mesh(plan), WallLaw(wall_factor=1.0), flow), field.grid,
+                    field.inside_fraction, field.bulk_packing,
+                )  # fmt: skip
+            seconds = time.process_time() - started
+            whole, *parts = compare(field, made, file.case.outline.levels, DIAMETER)
+            told = ", ".join(f"{one.name} {one.noise_free:.0%}" for one in parts)
+            yield (
+                f"| {name} | {fluid} | {whole.noise_free:.1%} (below {whole.upper:.1%}) | {told} | {whole.noise:.1%} "
+                f"| {tension} | {seconds:.0f} |"
+            )
+    yield ""
 
 
 def slots(results: Path) -> Iterator[str]:
