@@ -101,7 +101,7 @@ class OutlineSpec(Group):
         default="axis",
         description="`axis`: a body of revolution, given by `wall`. `plane`: a slab between two walls that are alike "
         "all along y, as a hopper with a slot, given by `left`, `right` and `depth`; it is computed by particles, as a "
-        "viscous fluid or as a hybrid, or averaged from your own dumps. `space` is what granpipe writes "
+        "fluid or as a hybrid, or averaged from your own dumps. `space` is what granpipe writes "
         "beside a `vessel`, which gives the walls then.",
     )
     wall: Annotated[Polygon | None, Points(at_least=2)] = Field(

@@ -72,7 +72,7 @@ FRICTION_SECONDS = 20.0
 
 FRICTION_NOTE = (
     "a frictional fluid knows no arching, no intermittency and no history of filling; its error against DEM stands in "
-    "docs/validation/friction_fluid.md"
+    "docs/validation/friction_fluid.md, that of slabs in docs/validation/plane_vessels.md"
 )
 
 THICKNESS = 8.0

@@ -126,10 +126,10 @@ def plug_of(plan: Plan, core: float = 1.0, depth: float = 0.5) -> Field:
     return replace(field, flux_r=flux_r, flux_z=flux_z, psi=psi).of_depth(depth)
 
 
-def followed(folder: Path, core: float, depth: float = 0.5) -> ModelResult:
+def followed(folder: Path, core: float, depth: float = 0.5, **fluid: object) -> ModelResult:
     """The hybrid of the vessel that follows such a flow in its chamber."""
     path = folder / "field.npz"
-    plan = make_plan(case_of(known_field=str(path)))
+    plan = make_plan(case_of(known_field=str(path), **fluid))
     plug_of(plan, core, depth).save(path)
     return hybrid_field(plan, Context(Store(folder / "store"), {}, Silent(), 1))
 
@@ -181,6 +181,22 @@ def test_a_hybrid_carries_its_flow_and_conserves_in_each_cell(made: ModelResult)
     carried = level_flow(field.flux_z, field.grid) * field.velocity_scale
     np.testing.assert_allclose(carried, 0.5 / 3600, rtol=1e-12)
     assert np.abs(divergence(field.flux_r, field.flux_z, field.grid)).max() < 1e-12
+
+
+@pytest.mark.slow
+def test_a_frictional_fluid_is_joined_to_what_is_known_and_the_whole_conserves(
+    made: ModelResult, tmp_path: Path
+) -> None:
+    joined = followed(tmp_path, core=2.0, rheology="frictional").field
+    carried = level_flow(joined.flux_z, joined.grid) * joined.velocity_scale
+    np.testing.assert_allclose(carried, 0.5 / 3600, rtol=1e-12)
+    assert np.abs(divergence(joined.flux_r, joined.flux_z, joined.grid)).max() < 1e-12
+    known_flow, unit = plug_of(make_plan(case_of()), 2.0), joined.velocity_scale / (0.5 / 3600)
+    chamber = joined.grid.z_edges < 2 - 1e-9
+    np.testing.assert_allclose(joined.flux_z[chamber] * unit, known_flow.flux_z[chamber] / 0.6 / 0.5, atol=1e-9)
+    shaft = np.flatnonzero(joined.grid.z_edges > 3.7)[0]
+    across = joined.flux_z[shaft, joined.inside_fraction[shaft] > 0.99] * unit
+    assert np.abs(across - across[::-1]).max() < 0.1 * np.abs(across).max()  # that of the fluid, not of what is known
 
 
 def seam(made: ModelResult) -> Gate:
