@@ -322,7 +322,9 @@ def frictional(results: Path, cases: Mapping[str, CaseFile]) -> Iterator[str]:
     yield "|---|---|---|---|---|---|---|"
     for name in ("symmetric", hopper_name(max(THICKNESSES)), f"slot-{max(SLOTS)}"):
         field, file = field_of(results, name), cases[name]
-        plan = make_plan(varied(file.case, {"material.bulk_density": repr(field.bulk_packing * file.case.material.density)}))
+        plan = make_plan(
+            varied(file.case, {"material.bulk_density": repr(field.bulk_packing * file.case.material.density)})
+        )
         plan = replace(plan, outline=Outline.from_case(plan.case), grid=field.grid)
         friction, flow = bulk_friction(plan.case), target_flow(plan.case, field.bulk_packing)
         for fluid in ("frictional", "viscous"):

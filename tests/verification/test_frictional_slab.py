@@ -165,9 +165,7 @@ def test_in_a_long_wedge_the_field_is_that_of_jenike() -> None:
 
 def test_a_slab_and_its_mirror_image_have_mirrored_flows() -> None:
     mesh = wedge()
-    turned = replace(
-        mesh, points=mesh.points * [-1, 1], triangles=mesh.triangles[:, ::-1], edges=mesh.edges[:, ::-1]
-    )
+    turned = replace(mesh, points=mesh.points * [-1, 1], triangles=mesh.triangles[:, ::-1], edges=mesh.edges[:, ::-1])
     one, _ = solve_frictional(mesh, LAW, 1.0, Outlet())
     other, _ = solve_frictional(turned, LAW, 1.0, Outlet())
     size = np.abs(one.w).max()
@@ -178,7 +176,7 @@ def test_a_slab_and_its_mirror_image_have_mirrored_flows() -> None:
 
 def test_a_slab_far_from_x_0_at_another_size_and_rate_has_the_same_flow() -> None:
     mesh = wedge()
-    far = replace(mesh, points=1e3 * (mesh.points + [50.0, 0.0]))
+    far = replace(mesh, points=1e3 * (mesh.points + np.array([50.0, 0.0])))
     one, _ = solve_frictional(mesh, LAW, 1.0, Outlet())
     other, _ = solve_frictional(far, replace(LAW, length=1e3 * LAW.length), 1e-4, Outlet())
     np.testing.assert_allclose(other.w * 1e3 / 1e-4, one.w, atol=1e-5 * np.abs(one.w).max())
@@ -189,7 +187,7 @@ def test_a_slab_far_from_x_0_at_another_size_and_rate_has_the_same_flow() -> Non
 def test_a_ring_far_from_its_axis_has_the_flow_of_a_slab() -> None:
     away = 400.0
     slab = wedge()
-    ring = replace(slab, points=slab.points + [away, 0.0], measure=ROUND)
+    ring = replace(slab, points=slab.points + np.array([away, 0.0]), measure=ROUND)
     radius = np.sqrt(2 * away * 0.75)  # √(Ω/π) there: what ε and the least pressure of the law are in units of
     weak = FrictionLaw(0.45, 0.3, 0.1, regularization=1e-3)
     strong = replace(weak, regularization=1e-3 * radius / 0.375, least_pressure=weak.least_pressure * 0.375 / radius)
