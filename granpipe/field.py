@@ -161,9 +161,9 @@ class Measure:
         r = np.maximum(np.hypot(x, y), 1e-300)
         return (vx * x + vy * y) / r, (vy * x - vx * y) / r, vz
 
-    def radius(self, area: Array) -> Array:
+    def radius(self, area: ArrayLike) -> Array:
         """Radius of a circle, or half the width of a strip as deep as the slab, of some area [m]."""
-        return np.asarray(np.sqrt(area / pi) if self.axial else 0.5 * area / self.turn)
+        return np.asarray(np.sqrt(np.asarray(area) / pi) if self.axial else np.asarray(area) / (2 * self.turn))
 
     def hydraulic_diameter(self, width: float) -> float:
         """4 × area / perimeter of a level [m]: its diameter, or twice the distance of the walls of a slab."""

@@ -1,4 +1,4 @@
-"""The frictional fluid of a slab: exact terms, Janssen's slot, Jenike's wedge, mirror images, a ring far from its axis."""
+"""The frictional fluid of a slab: exact terms, Janssen's slot, Jenike's wedge, mirror images, far rings."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_shear_rates_are_exact_and_nothing_is_strained_along_y() -> None:
 
 
 def slip_layer(cells: float, length: float = 0.3) -> float:
-    """Error of γ̃ of a plug that slides down a slot: γ̃ = u cosh(x/ℓ)/(ℓ sinh(a/ℓ)), relative to its value at the wall."""
+    """Error of γ̃ = u cosh(x/ℓ)/(ℓ sinh(a/ℓ)) of a plug that slides down a slot, relative to its value at the wall."""
     made = forms(slot(1.0, cells))
     plug = np.concatenate([np.zeros(made.space.size), -2 * np.ones(made.space.size)])
     found = made.spread_rate(made.spreading(length), plug)
@@ -140,7 +140,7 @@ def radial_wedge(internal: float, wall: float, half_angle: float) -> tuple[Array
 
 
 def long_wedge(half_angle: float, cells: int) -> RZMesh:
-    """A wedge from 1 to 12 above its tip, with triangles as small as their distance from it, and smaller at its walls."""
+    """A wedge from 1 to 12 above its tip, with triangles that shrink towards it and towards its walls."""
     square = slab_between(lambda z: 0 * z - 1, lambda z: 0 * z + 1, 0.0, 1.0, cells, DEPTH)
     across, along = square.points.T
     z = 12**along
