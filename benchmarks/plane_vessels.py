@@ -314,7 +314,7 @@ def frictional(results: Path, cases: Mapping[str, CaseFile]) -> Iterator[str]:
     """The frictional fluid, and the viscous one with plug flow, against the particles."""
     yield "## Frictional fluid"
     yield ""
-    yield "Relative RMS difference from the fields of particles above, their noise taken off; `slot-8` discharges freely"
+    yield "RMS difference from the fields of particles above, their noise taken off; `slot-8` discharges freely"
     yield "above a floor. Openings below 8 d are marked. The viscous fluid has a wall factor of 1, as the case would"
     yield "have to give it. s: processor seconds of one solve."
     yield ""
