@@ -80,7 +80,7 @@ test-cluster: setup
 
 verify: setup fuzz test-cluster
 	$(VENV)/bin/python -m pytest -m slow
-	PYTHONPATH=benchmarks $(VENV)/bin/python -m validation run --short --data results/validation
+	PYTHONPATH=benchmarks $(VENV)/bin/python -m validation run --short
 
 fuzz: setup
 	$(VENV)/bin/python -m pytest tests/fuzz --inputs 100000

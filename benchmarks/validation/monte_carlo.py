@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats.qmc import Sobol
 
 from granpipe.dem.dump import first_step, read_snapshot
 from granpipe.dem.snapshot import OWN_COLUMNS, Snapshot
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HERE = Path(__file__).resolve().parent
-POINTS = 2000  # per particle and snapshot
+POINTS = 2048  # per particle and snapshot; twice a power of two, which Sobol's sequence is balanced at
 SNAPSHOTS = 40
 TOLERANCE = 0.005
 CHUNK = 100  # particles
@@ -52,7 +53,7 @@ def compare(times: Sequence[float], snapshots: Sequence[Snapshot], grid: Grid) -
         noise = 0.25 * ((one - other) ** 2).sum()
         square = ((mine - 0.5 * (one + other)) ** 2).sum()
         cells = np.count_nonzero(mine)
-        bound = max(0.0, square - noise) + 1.645 * noise * np.sqrt(2 / cells)
+        bound = max(0.0, square - noise) + 1.645 * noise * np.sqrt(4 / cells)
         size = (mine**2).sum()
         found[name] = rounded([np.sqrt(value / size) for value in (square, noise, max(0.0, square - noise), bound)])
     return found
@@ -63,28 +64,40 @@ def sampled(
 ) -> tuple[Array, Array, Array]:
     """Σ over pairs of snapshots of time × volume in cells, and of the volume that crosses faces, by random points."""
     shape = grid.shape
+    even = Sobol(3, seed=rng).random(points)
     volume, flow_r, flow_z = np.zeros(shape), np.zeros((shape[0], shape[1] + 1)), np.zeros((shape[0] + 1, shape[1]))
     for (then, old), (now, new) in pairwise(zip(times, snapshots, strict=True)):
         _, at_old, at_new = np.intersect1d(old.id, new.id, return_indices=True)
         for first in range(0, len(at_old), CHUNK):
             a, b = at_old[first : first + CHUNK], at_new[first : first + CHUNK]
-            offset = rng.normal(size=(len(a), points, 3))
-            offset *= (rng.random((len(a), points, 1)) ** (1 / 3)) / np.linalg.norm(offset, axis=2, keepdims=True)
-            offset *= new.radius[b][:, None, None]
+            offset = in_ball((even + rng.random((len(a), 1, 3))) % 1) * new.radius[b][:, None, None]
             start, stop = old.position[a][:, None] + offset, new.position[b][:, None] + offset
             share = np.repeat(4 / 3 * np.pi * new.radius[b] ** 3 / points, points)
-            count(start.reshape(-1, 3), stop.reshape(-1, 3), share, now - then, grid, (volume, flow_r, flow_z))
+            count(start.reshape(-1, 3), stop.reshape(-1, 3), share, now - then, grid, rng, (volume, flow_r, flow_z))
     return volume, flow_r, flow_z
 
 
+def in_ball(numbers: Array) -> Array:
+    """Points of the unit ball, shape (…, 3), from numbers of the unit cube of that shape: equal volumes keep theirs."""
+    radius, height = np.cbrt(numbers[..., 0]), 2 * numbers[..., 1] - 1
+    angle, across = 2 * np.pi * numbers[..., 2], np.sqrt(1 - height**2)
+    return radius[..., None] * np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=-1)
+
+
 def count(
-    start: Array, stop: Array, share: Array, duration: float, grid: Grid, sums: tuple[Array, Array, Array]
+    start: Array,
+    stop: Array,
+    share: Array,
+    duration: float,
+    grid: Grid,
+    rng: np.random.Generator,
+    sums: tuple[Array, Array, Array],
 ) -> None:
     """Add points that move along straight lines: each at a random time of its way, and where it crosses faces."""
     nz, nr = grid.shape
     cell = grid.cell
     low = grid.z_edges[0]
-    at = start + np.random.default_rng(len(start)).random((len(start), 1)) * (stop - start)
+    at = start + rng.random((len(start), 1)) * (stop - start)
     row, column = np.floor((at[:, 2] - low) / cell).astype(int), np.floor(np.hypot(*at[:, :2].T) / cell).astype(int)
     inside = (row >= 0) & (row < nz) & (column < nr)
     np.add.at(sums[0], (row[inside], column[inside]), duration * share[inside])
