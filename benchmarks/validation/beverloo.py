@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 DENSITY = 2500.0
 FRICTIONS = (0.2, 0.5)
-SECONDS = {6: 1.5, 8: 1.5, 10: 1.2, 12: 1.0}  # outlet over particle diameter → simulated time
+SECONDS = {6: 5.0, 8: 1.5, 10: 1.2, 12: 1.0}  # outlet over particle diameter → simulated time
 SEEDS = {6: (1, 2), 8: (1, 2), 10: (1,), 12: (1,)}
 WIDTH, HEIGHT = 2.5, 0.8  # diameter of the silo over that of its outlet; height over the silo's diameter
 HEIGHTS = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)  # levels of the profiles above the floor [d]

@@ -37,7 +37,7 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     yield ""
     yield f"{len(every)} comparisons: {len(every) - failed - open_} hold, {failed} fail, {open_} are not resolved."
     yield ""
-    yield "| case | holds | fails | not resolved | measured | minutes |"
+    yield "| case | holds | fails | not resolved | measured | processor minutes |"
     yield "|---|---|---|---|---|---|"
     for case in CASES:
         if case.name in judged:
@@ -51,11 +51,14 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     if waiting := list(unrun(data)):
         yield f"Programmed and not run to the end yet: {'; '.join(waiting)}."
         yield ""
-    yield "Not compared: the silo of Dosta et al. (2024), whose published rates could not be looked up."
+    yield "Not compared: the published rates of the DEM benchmark (Dosta et al. 2024), which could not be looked up."
     yield ""
     runs = [one for case in CASES if case.pieces for one in results_of(case, data)[1].values()]
-    yield f"Minutes are those of the runs behind the table, {minutes_of(runs)} in all, of one core that did other work"
-    yield "as well."
+    yield f"Processor minutes: {minutes_of(runs)} in all, of one core for each run. On two cores that do nothing else that"
+    yield f"is {sum(one['processor_seconds'] for one in runs) / 7200:.1f} hours, as two cases run at a time and none takes"
+    yield "more than half of the sum. **It was not run in one piece**: the runs were made on a machine that did other work,"
+    yield "with pauses, and all from nothing. ≈: partly estimated, from the particle-steps in LIGGGHTS' logs at 8.4e5 per"
+    yield "second, its speed in [Another DEM code](#another-dem-code), and from the share of a core that LAMMPS' logs give."
     for case in CASES:
         if case.name in judged:
             yield from section(case, judged[case.name])
@@ -70,9 +73,9 @@ def unrun(data: Path) -> Iterator[str]:
 
 
 def minutes_of(runs: Sequence[Mapping[str, Any]]) -> str:
-    """Time that pieces took, as far as it was kept."""
-    known = [one["seconds"] for one in runs if one["seconds"] is not None]
-    return ("" if len(known) == len(runs) else "at least ") + f"{sum(known) / 60:.1f}"
+    """Processor time of pieces; ≈ where it is an estimate for one of them."""
+    total = sum(one["processor_seconds"] for one in runs) / 60
+    return ("≈ " if any(one.get("estimated") for one in runs) else "") + f"{total:.1f}"
 
 
 def section(case: Case, verdicts: list[Verdict]) -> Iterator[str]:
