@@ -54,11 +54,13 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     yield "Not compared: the published rates of the DEM benchmark (Dosta et al. 2024), which could not be looked up."
     yield ""
     runs = [one for case in CASES if case.pieces for one in results_of(case, data)[1].values()]
-    yield f"Processor minutes: {minutes_of(runs)} in all, of one core for each run. On two cores that do nothing else that"
-    yield f"is {sum(one['processor_seconds'] for one in runs) / 7200:.1f} hours, as two cases run at a time and none takes"
-    yield "more than half of the sum. **It was not run in one piece**: the runs were made on a machine that did other work,"
-    yield "with pauses, and all from nothing. ≈: partly estimated, from the particle-steps in LIGGGHTS' logs at 8.4e5 per"
-    yield "second, its speed in [Another DEM code](#another-dem-code), and from the share of a core that LAMMPS' logs give."
+    hours = sum(one["processor_seconds"] for one in runs) / 3600
+    yield f"Processor minutes: {minutes_of(runs)} in all, each run on one core. On two cores that do nothing else"
+    yield f"this is {hours / 2:.1f} hours, since two cases run at a time and none takes half of the sum. **It was not"
+    yield "shown in one piece**: all was run from nothing, but with pauses, and on a machine that did other work. ≈: partly"
+    yield "estimated, from the particle-steps in LIGGGHTS' logs at 8e5 per second, the slowest speed of the cases that"
+    yield "were measured ([the columns](#pressure-in-a-column-by-janssens-law)), and from the share of a core in LAMMPS'"
+    yield "own logs."
     for case in CASES:
         if case.name in judged:
             yield from section(case, judged[case.name])
