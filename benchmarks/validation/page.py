@@ -27,7 +27,6 @@ def write_page(data: Path, out: Path) -> Path:
 
 def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     every = [verdict for verdicts in judged.values() for verdict in verdicts]
-    failed, open_ = sum(v.passed is False for v in every), sum(v.passed is None for v in every)
     yield "# Proved against others"
     yield ""
     yield "Made by `make validation`; `PYTHONPATH=benchmarks python -m validation page` makes it again from the results"
@@ -35,7 +34,7 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     yield "published or programmed. Each criterion was stated before the run or says that it was not; failures stay."
     yield "`make validation` may be stopped at any time: finished runs are kept, others go on from their last segment."
     yield ""
-    yield f"{len(every)} comparisons: {len(every) - failed - open_} hold, {failed} fail, {open_} are not resolved."
+    yield tally(every) + "."
     yield ""
     yield "| case | holds | fails | not resolved | measured | processor minutes |"
     yield "|---|---|---|---|---|---|"
@@ -57,13 +56,19 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     hours = sum(one["processor_seconds"] for one in runs) / 3600
     yield f"Processor minutes: {minutes_of(runs)} in all, each run on one core. On two cores that do nothing else"
     yield f"this is {hours / 2:.1f} hours, since two cases run at a time and none takes half of the sum. **It was not"
-    yield "shown in one piece**: all was run from nothing, but with pauses, and on a machine that did other work. ≈: partly"
-    yield "estimated, from the particle-steps in LIGGGHTS' logs at 8e5 per second, the slowest speed of the cases that"
-    yield "were measured ([the columns](#pressure-in-a-column-by-janssens-law)), and from the share of a core in LAMMPS'"
-    yield "own logs."
+    yield "shown in one piece**: all was run from nothing, but with pauses, and on a machine that did other work. ≈:"
+    yield "partly estimated, from the particle-steps in LIGGGHTS' logs at 8e5 per second, the slowest speed of the cases"
+    yield "that were measured ([the columns](#pressure-in-a-column-by-janssens-law)), and from the share of a core in"
+    yield "LAMMPS' own logs."
     for case in CASES:
         if case.name in judged:
             yield from section(case, judged[case.name])
+
+
+def tally(verdicts: Sequence[Verdict]) -> str:
+    """How many hold, fail and are not resolved, as this page and the list of pages say it."""
+    held, failed, open_ = (sum(one.passed is passed for one in verdicts) for passed in (True, False, None))
+    return f"{len(verdicts)} comparisons: {held} hold, {failed} fail, {open_} are not resolved"
 
 
 def unrun(data: Path) -> Iterator[str]:

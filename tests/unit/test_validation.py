@@ -27,7 +27,7 @@ from validation import (
 )
 from validation.__main__ import run_short
 from validation.case import Case, Verdict
-from validation.page import lines
+from validation.page import lines, tally
 from validation.suite import CASES, results_of, run_together
 
 from granpipe.case.reader import read_case
@@ -47,6 +47,8 @@ def test_the_page_is_that_of_the_kept_results() -> None:
     assert judged
     page = (ROOT / "docs" / "validation" / "validation.md").read_text()
     assert page == "\n".join(lines(judged, DATA)) + "\n"
+    count = tally([one for verdicts in judged.values() for one in verdicts])
+    assert count in (ROOT / "docs" / "validation" / "index.md").read_text()
 
 
 def test_kept_results_are_of_pieces_that_there_are() -> None:
