@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).resolve().parent
 POINTS = 2048  # per particle and snapshot; twice a power of two, which Sobol's sequence is balanced at
+PARTS = 4  # of a straight way, along each of which the distance from the axis is taken as linear
 SNAPSHOTS = 40
 TOLERANCE = 0.005
 CHUNK = 100  # particles
@@ -106,13 +107,16 @@ def count(
     cell = grid.cell
     low = grid.z_edges[0]
     at = start + rng.random((len(start), 1)) * (stop - start)
-    radius, begin, end = (np.minimum(np.hypot(one[:, 0], one[:, 1]), edge) for one in (at, start, stop))
+    along = [start + part * (stop - start) for part in np.linspace(0, 1, PARTS + 1)]
+    radius, *radii = (np.minimum(np.hypot(one[:, 0], one[:, 1]), edge) for one in (at, *along))
     row, column = np.floor((at[:, 2] - low) / cell).astype(int), np.floor(radius / cell).astype(int)
     inside = (row >= 0) & (row < nz) & (column < nr)
     np.add.at(sums[0], (row[inside], column[inside]), duration * share[inside])
-    crossings(start[:, 2] - low, stop[:, 2] - low, begin, end, share, cell, sums[2])
     turned = np.zeros((nr + 1, nz))
-    crossings(begin, end, start[:, 2] - low, stop[:, 2] - low, share, cell, turned)
+    for (one, r), (other, beyond) in pairwise(zip(along, radii, strict=True)):
+        z, z_beyond = one[:, 2] - low, other[:, 2] - low
+        crossings(z, z_beyond, r, beyond, share, cell, sums[2])
+        crossings(r, beyond, z, z_beyond, share, cell, turned)
     sums[1][:] += turned.T
 
 
