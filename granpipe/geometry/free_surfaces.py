@@ -33,7 +33,8 @@ def voids(outline: Outline, angle: float) -> list[Array]:
 
     Raises
     ------
-    CaseError : a surface would reach the outlet: the solids there do not fill the vessel
+    CaseError : a surface would reach the outlet, so that the solids there do not fill the vessel; or there is a pocket
+        that is open below only, which no solids reach and no surface closes
     """
     found, low = _voids(outline, angle), outline.z_bottom
     for part in found:
@@ -44,6 +45,14 @@ def voids(outline: Outline, angle: float) -> list[Array]:
                 "below the widening, or use particles (model: dem)",
                 ("outline", "wall"),
             )
+    if (pocket := next(_pockets(outline, found), None)) is not None:
+        r, z = pocket
+        raise CaseError(
+            f"at r = {r:.4g}, z = {z:.4g} m there is a pocket that is open below only: solids do not rise into it, and "
+            "no free surface is cut across one; close it, make its roof flatter than the angle of repose "
+            f"({np.degrees(angle):.0f}°), or use particles (model: dem)",
+            ("outline", "obstacles" if outline.obstacles else "wall"),
+        )
     return found
 
 
@@ -62,14 +71,44 @@ def free_surfaces(outline: Outline, angle: float) -> list[Array]:
     return found
 
 
+def _pockets(outline: Outline, empty: list[Array]) -> Iterator[tuple[float, float]]:
+    """Highest points (r, z) of the filled space, but for the inlet: what lies below them could only fill upwards."""
+    import shapely
+
+    filled = _free_space(outline).difference(shapely.union_all([shapely.Polygon(one) for one in empty]))
+    slack = 10 * outline.tolerance
+    for part in shapely.get_parts(filled.simplify(slack)):
+        part = shapely.geometry.polygon.orient(part)  # the filled space lies on the left of every edge
+        for ring in (part.exterior, *part.interiors):
+            points = np.array(ring.coords)[:-1]
+            rise = np.roll(points[:, 1], -1) - points[:, 1]
+            steep = np.flatnonzero(np.abs(rise) > slack)
+            for up, down in zip(steep, np.roll(steep, -1), strict=True):
+                first, last = (up + 1) % len(points), down  # ends of a level top, often one point
+                if rise[up] <= 0 or rise[down] >= 0 or points[first, 1] > outline.z_top - slack:
+                    continue
+                into = points[first] - points[up]
+                out = points[(down + 1) % len(points)] - points[last]
+                level = points[first, 0] - points[last, 0]
+                if level > slack or (abs(level) <= slack and into[0] * out[1] - into[1] * out[0] > 0):
+                    yield float(points[first, 0]), float(points[first, 1])
+
+
+def _free_space(outline: Outline) -> Any:
+    """The vessel without its obstacles."""
+    import shapely
+
+    free = shapely.Polygon(outline.border)
+    return free.difference(shapely.union_all([shapely.Polygon(p) for p in outline.obstacles.values()]))
+
+
 def _voids(outline: Outline, angle: float) -> list[Array]:
     import shapely
 
     chains = [*_undersides(outline, angle)]
     if not chains:
         return []
-    free = shapely.Polygon(outline.border)
-    free = free.difference(shapely.union_all([shapely.Polygon(p) for p in outline.obstacles.values()]))
+    free = _free_space(outline)
     parts: list[Any] = []
     for chain in chains:
         region = free.intersection(shapely.Polygon(_below(chain, angle, outline)))

@@ -48,11 +48,12 @@ def bulk_friction(case: Case) -> BulkFriction:
     contact, material, law = case.contact, case.material, bulk_friction_law()
     by_law = "law fit to shear cells of DEM"
     internal = law.internal(contact.friction, contact.rolling_friction)
-    source = f"{by_law}; contact.friction {contact.friction:g}, rolling_friction {contact.rolling_friction:g}"
+    source = f"{by_law}, scatter {law.scatter:.2g}; "
+    source += f"contact.friction {contact.friction:g}, rolling_friction {contact.rolling_friction:g}"
     if (angle := material.internal_friction_angle) is not None:
         internal, source = math.sin(angle), "sin of material.internal_friction_angle"
     wall = law.wall(contact.wall.friction, contact.friction, contact.wall.rolling_friction)
-    wall_source = f"{by_law}; contact.wall.friction {contact.wall.friction:g}"
+    wall_source = f"{by_law}, scatter {law.wall_scatter:.2g}; contact.wall.friction {contact.wall.friction:g}"
     if (angle := material.wall_friction_angle) is not None:
         wall, wall_source = math.tan(angle), "tan of material.wall_friction_angle"
     if wall > internal:

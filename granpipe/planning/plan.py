@@ -86,6 +86,11 @@ TOO_WIDE = (
     "flat-bottomed silos; use particles (model: dem)"
 )
 
+OPEN_OUTLET_NOTE = (
+    "the speed across the open outlet of a frictional fluid is assumed, w ∝ (1 − r²/a²)^0.7: next to it the field was "
+    "14 and 19 % wrong against DEM of two silos with outlets of 6 d"
+)
+
 OUTLET_NOTE = "within one diameter of the outlet the field depends on the profile that fluid.outlet_profile prescribes"
 
 ANNULUS = ("fluid", "annulus")
@@ -366,6 +371,7 @@ class _Scene:
         case, friction = self.case, bulk_friction(self.case)
         voids(self.outline, friction.repose)
         notes = [*check_flow_rate(case, self.outline, through), *self._narrow(through), FRICTION_NOTE]
+        notes += self._at_open_outlet()
         stages = [Stage("fluid", "the case asks for a fluid with friction: cut free surfaces, mesh, iterate")]
         left = [Stage("DEM run", "the case asks for a fluid"), Stage("averaging", "there are no particles")]
         if "vessel" in case.figures:
@@ -374,6 +380,11 @@ class _Scene:
         grid = self._grid(self._opening_cell())
         plan = self._made("fluid", grid, [*stages, self._results("fluid")], left, notes=notes, seconds=FRICTION_SECONDS)
         return replace(plan, friction=friction, unfit=tuple(self._on_floors(self.needs)))
+
+    def _at_open_outlet(self) -> list[str]:
+        """A note where a frictional fluid leaves through an open hole."""
+        developed = self.case.fluid.outlet_profile == "developed"
+        return [OPEN_OUTLET_NOTE] if self.case.dem.outlet == "open" and developed else []
 
     def _on_floors(self, names: Iterable[str]) -> list[str]:
         """Marks of sections that would be a frictional fluid though solids rest on a floor in them."""
@@ -539,7 +550,7 @@ class _Scene:
             unfit, doubts = self._unfit(rest)
         else:
             voids(self.outline, friction.repose)
-            unfit, doubts = self._on_floors(rest), [FRICTION_NOTE]
+            unfit, doubts = self._on_floors(rest), [FRICTION_NOTE, *self._at_open_outlet()]
         through = self._fluid_openings()
         notes = [*check_flow_rate(case, self.outline, through), *self._narrow(through), *doubts]
         found = spans(

@@ -95,3 +95,34 @@ def test_the_surfaces_of_a_void_are_its_edges_within_the_vessel() -> None:
 def test_a_surface_that_reaches_the_outlet_is_still_drawn() -> None:
     (line,) = free_surfaces(Outline.of([[0.5, 4], [0.5, 3], [1, 3], [1, 2.7]]), ANGLE)
     assert corners(np.round(line, 4)) == {(0.5, 3.0), (0.8, 2.7)}
+
+
+POCKETS = {
+    "notch": ([[0.3, 2], [0.4, 2], [0.5, 2.2], [0.6, 2], [0.7, 2], [0.7, 3], [0.3, 3]], (0.5, 2.2)),
+    "square notch": ([[0.3, 2], [0.4, 2], [0.4, 2.2], [0.6, 2.2], [0.6, 2], [0.7, 2], [0.7, 3], [0.3, 3]], (0.6, 2.2)),
+    "steep roof at the wall": ([[0.7, 2], [1, 2.5], [1, 3], [0.7, 3]], (1, 2.5)),
+    "bell on the axis": ([[0, 2.6], [0.5, 2], [0.6, 2], [0, 3.4]], (0, 2.6)),
+}
+
+
+@pytest.mark.parametrize("name", POCKETS)
+def test_a_pocket_that_is_open_below_only_is_refused(name: str) -> None:
+    polygon, (r, z) = POCKETS[name]
+    with pytest.raises(CaseError, match=f"at r = {r:g}, z = {z:g} m there is a pocket") as refused:
+        voids(Outline.of(PIPE, {"body": polygon}), ANGLE)
+    assert refused.value.key == ("outline", "obstacles")
+
+
+@pytest.mark.parametrize(
+    ("polygon", "expected"),
+    [
+        ([[0.5, 2], [0.65, 2.3], [0.5, 2.6], [0.35, 2.3]], 0),
+        ([[0.3, 2], [0.5, 2.1], [0.7, 2], [0.7, 3], [0.3, 3]], 1),
+        ([[0.3, 2], [0.7, 2], [0.7, 3], [0.5, 2.5], [0.3, 3]], 1),
+        ([[0.7, 2], [1, 2.2], [1, 3], [0.7, 3]], 1),
+        ([[0, 2], [0.5, 2], [0, 3]], 1),
+    ],
+    ids=["diamond", "shallow notch", "cup", "slight roof at the wall", "cone on the axis"],
+)
+def test_what_solids_reach_or_a_surface_closes_is_no_pocket(polygon: list[list[float]], expected: int) -> None:
+    assert len(voids(Outline.of(PIPE, {"body": polygon}), ANGLE)) == expected

@@ -154,3 +154,9 @@ def test_a_kind_needs_three_scenes_and_its_range_is_not_left(monkeypatch: pytest
         assert isinstance(expected_error("viscous", replace(scene, **beyond)), str)
     for within in ({"half_angle": 5}, {"opening": 80}, {"wall": 0.21}):
         assert isinstance(expected_error("viscous", replace(scene, **within)), ExpectedError)
+
+
+def test_a_frictional_fluid_through_an_open_outlet_says_that_its_profile_is_assumed() -> None:
+    changes = {"model": "fluid", "fluid__rheology": "frictional"}
+    assert "w ∝ (1 − r²/a²)^0.7" in "".join(plan_of(hopper(20), dem__outlet="open", **changes).notes)
+    assert "^0.7" not in "".join(plan_of(hopper(20), **changes).notes)
