@@ -29,6 +29,13 @@ class Contacts(NamedTuple):
     end: Array
     force: Array
 
+    def through_faces(self, period: float) -> Contacts:
+        """With the other end where it is nearest along y, where the vessel repeats itself after a period [m]; 0: never."""
+        if not period:
+            return self
+        away = self.end[:, 1] - self.centre[:, 1]
+        return self._replace(end=self.end - np.outer(period * np.round(away / period), [0.0, 1.0, 0.0]))
+
     def within_friction(self, friction: float) -> Contacts:
         """With tangential forces of at most `friction` times the normal ones.
 

@@ -13,11 +13,14 @@ _GAUSS = 0.5 / math.sqrt(3)
 
 
 @compiled
-def add(centre: Array, end: Array, force: Array, r_edges: Array, z_edges: Array, total: Array) -> None:
+def add(
+    centre: Array, end: Array, force: Array, r_edges: Array, z_edges: Array, axial: bool, total: Array
+) -> None:
     """Add ∫ f ⊗ l ds over the part of each branch in each bin to `total` (5, bz, br): rr, θθ, zz, rz, zr.
 
     l is the branch from `end` to `centre`, s runs from 0 to 1 along it. Components are those at each of its points: the
-    branch is cut at the edges of the bins, and each piece has two Gauss points.
+    branch is cut at the edges of the bins, and each piece has two Gauss points. In a slab, not `axial`, r is x and θ is
+    y.
     """
     rows, columns = len(z_edges) - 1, len(r_edges) - 1
     cuts = np.empty(rows + 2 * columns + 6)
@@ -34,7 +37,12 @@ def add(centre: Array, end: Array, force: Array, r_edges: Array, z_edges: Array,
                 cuts[count] = (edge - z) / lz
                 count += 1
         across = lx * lx + ly * ly
-        if across > 0:
+        if not axial:
+            for edge in r_edges:
+                if min(x, x + lx) < edge < max(x, x + lx):
+                    cuts[count] = (edge - x) / lx
+                    count += 1
+        elif across > 0:
             nearest = -(x * lx + y * ly) / across
             least = (x * ly - y * lx) ** 2 / across
             for edge in r_edges:
@@ -53,13 +61,13 @@ def add(centre: Array, end: Array, force: Array, r_edges: Array, z_edges: Array,
             row = np.searchsorted(z_edges, z + middle * lz, side="right") - 1
             if row < 0 or row >= rows:
                 continue
-            distance = math.hypot(x + middle * lx, y + middle * ly)
-            column = np.searchsorted(r_edges[:-1], distance, side="right") - 1
+            distance = math.hypot(x + middle * lx, y + middle * ly) if axial else x + middle * lx
+            column = max(np.searchsorted(r_edges[:-1], distance, side="right") - 1, 0)
             for sign in (-1.0, 1.0):
                 s = middle + sign * _GAUSS * length
                 px, py = x + s * lx, y + s * ly
                 r = max(math.hypot(px, py), 1e-300)
-                cosine, sine = px / r, py / r
+                cosine, sine = (px / r, py / r) if axial else (1.0, 0.0)
                 fr, ft, fz = (
                     force[i, 0] * cosine + force[i, 1] * sine,
                     force[i, 1] * cosine - force[i, 0] * sine,

@@ -117,7 +117,7 @@ class ExtraSums:
             path = work / f"pairs.{step}.txt"
             pairs = read_pair_contacts(path, snapshot.id, snapshot.position)
             path.unlink()
-            pairs = pairs.within_friction(self.contact.friction)
+            pairs = pairs.through_faces(self.grid.period).within_friction(self.contact.friction)
             walls = walls.within_friction(self.contact.wall.friction)
             values |= contact_stress(self._bins, pairs, walls, snapshot, self.density)
         return values

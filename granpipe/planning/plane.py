@@ -11,7 +11,7 @@ EXPORTS = ("comsol", "vtk", "netcdf", "streamlines")
 DUMP_FIELDS = ("particle_velocity", "size_classes", "residence_time", "strain_rate", "age")
 """What of `homogenize.fields` dumps of a slab give: what needs every particle whole does not know where y ends."""
 
-FIELDS = (*DUMP_FIELDS, "wall_slip", "granular_temperature", "coordination", "mixing")
+FIELDS = (*DUMP_FIELDS, "wall_slip", "wall_pressure", "stress", "granular_temperature", "coordination", "mixing")
 """What of it a run of a slab gives."""
 
 

@@ -235,8 +235,6 @@ def test_a_hopper_of_which_nothing_is_said_needs_particles():
     ("changes", "key", "words"),
     [
         ({"export": ["openfoam"]}, ("export",), "comsol"),
-        ({"homogenize__fields": ["stress"]}, ("homogenize", "fields"), "choose of particle_velocity"),
-        ({"homogenize__fields": ["wall_pressure"]}, ("homogenize", "fields"), "choose of particle_velocity"),
         ({"outline__sections": {"wedge": {"z": [1.4, 0.3], "regime": "mass_flow"}}}, ("outline", "sections"), "cones"),
         ({"outline__left": [[0.2, 2], [0.2, 0]]}, ("outline", "left"), "meets"),
         ({"outline__left": [[-0.2, 2], [-0.2, 0.1]]}, ("outline", "left"), "outlet"),
