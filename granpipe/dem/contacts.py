@@ -30,7 +30,7 @@ class Contacts(NamedTuple):
     force: Array
 
     def through_faces(self, period: float) -> Contacts:
-        """With the other end where it is nearest along y, where the vessel repeats itself after a period [m]; 0: never."""
+        """With the other ends moved to where they are nearest along y, by periods of the vessel [m]; 0: it has none."""
         if not period:
             return self
         away = self.end[:, 1] - self.centre[:, 1]

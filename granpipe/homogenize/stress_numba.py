@@ -13,9 +13,7 @@ _GAUSS = 0.5 / math.sqrt(3)
 
 
 @compiled
-def add(
-    centre: Array, end: Array, force: Array, r_edges: Array, z_edges: Array, axial: bool, total: Array
-) -> None:
+def add(centre: Array, end: Array, force: Array, r_edges: Array, z_edges: Array, axial: bool, total: Array) -> None:
     """Add ∫ f ⊗ l ds over the part of each branch in each bin to `total` (5, bz, br): rr, θθ, zz, rz, zr.
 
     l is the branch from `end` to `centre`, s runs from 0 to 1 along it. Components are those at each of its points: the

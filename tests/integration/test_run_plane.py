@@ -32,6 +32,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("plane")
     changes = SMALL | {
         "dem.max_time": "0.7 s", "dem.keep_snapshots": "thinned", "homogenize.start": "0.2 s",
+        "homogenize.fields": "[stress, wall_pressure]",
     }  # fmt: skip
     return run(read_case(CASE, changes), folder)[0].folder
 

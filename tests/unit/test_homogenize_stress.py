@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from fakes.spheres import Spheres
 
-from granpipe.field import Grid
+from granpipe.dem import contacts as recorded
+from granpipe.field import Box, Grid
 from granpipe.homogenize.average import Collector
 from granpipe.homogenize.bins import Bins
 from granpipe.homogenize.stress import contact_stress, stress_arrays, supported
@@ -199,3 +200,77 @@ def test_agitation_is_the_energy_of_motion_over_the_stress():
     assert supported(segments_of(values), BINS, GRAVITY).agitation == pytest.approx(
         2 * WEIGHT / GRAVITY * 0.25 / (3.0 * 0.02), rel=1e-9
     )
+
+
+# --- slabs ------------------------------------------------------------------------------------------------------------
+
+DEEP = 8 * DIAMETER
+SLAB = Bins.of(Box.within((-0.1, 0.2), (0.0, DEEP), (0.0, 0.4), 0.005, flat=True, cut=False), DIAMETER)
+
+
+def in_slab(pairs, walls=NONE, particles=None):
+    return contact_stress(SLAB, pairs, walls, bed([[0.1, 0, 0.2]]) if particles is None else particles, DENSITY)
+
+
+def test_in_a_slab_components_are_those_along_x_y_and_z():
+    pair = contacts([[-0.03, 0.08, 0.22], [-0.042, 0.064, 0.2], [3.0, 2.0, -0.5]])
+    total = in_slab(pair)["stress"].sum(axis=(1, 2))
+    assert total == pytest.approx([3.0 * 0.012, 2.0 * 0.016, -0.5 * 0.02, 3.0 * 0.02, -0.5 * 0.012], abs=1e-15)
+
+
+def test_in_a_slab_every_bin_has_the_part_of_the_branch_in_it_and_the_end_ones_what_overlaps_the_walls():
+    pair = contacts([[-0.085, 0, 0.2025], [-0.105, 0, 0.2025], [1.0, 0, 0]])
+    found = in_slab(pair)["stress"][0]
+    row = found.sum(axis=1).argmax()
+    assert found[row, :2] == pytest.approx([0.015, 0.005])
+    assert found.sum() == pytest.approx(0.02)
+
+
+def test_a_pair_through_the_periodic_faces_has_a_short_branch():
+    """Its distance is that to the image, and its normal too, by which friction is limited."""
+    pair = recorded.Contacts(
+        *contacts(
+            [[0, 0.005, 0.2], [0, DEEP - 0.011, 0.2], [0, 3.0, 0]], [[0, 0.05, 0.2], [0, 0.034, 0.2], [0, 3.0, 0]]
+        )
+    )
+    joined = pair.through_faces(SLAB.grid.period).within_friction(0.1)
+    np.testing.assert_allclose(joined.force, pair.force)
+    total = in_slab(joined)["stress"].sum(axis=(1, 2))
+    assert total == pytest.approx([0, 2 * 3.0 * 0.016, 0, 0, 0], abs=1e-15)
+    assert pair.through_faces(0.0) is pair
+
+
+def test_columns_of_spheres_between_two_walls_bear_their_weight_and_what_they_are_pressed_with():
+    """A simple cubic lattice that fills a slab: σ_zz = ρ_b g h, σ_xx and σ_yy those of given forces across."""
+    count, layers, deep, force = 15, 20, 8, 7.0
+    x, y, z = np.array(np.meshgrid(np.arange(count), np.arange(deep), np.arange(layers), indexing="ij")).reshape(3, -1)
+    centre = DIAMETER * (np.column_stack([x, y, z]) + 0.5) - [0.1, 0, 0]
+    step = DIAMETER * np.eye(3)
+    down = np.column_stack([0 * z, 0 * z, (layers - z) * WEIGHT])
+
+    def pushed(axis, some):
+        forces = down if axis == 2 else np.tile(force * np.eye(3)[axis], (len(centre), 1))
+        return np.stack([centre, centre - step[axis], forces], axis=1)[some]
+
+    pairs = [pushed(0, x > 0), pushed(1, y >= 0), pushed(2, z > 0)]
+    pairs[1][y == 0, 1, 1] += DEEP  # the other one of the pair, beyond the face
+    left, right, floor = pushed(0, x == 0), pushed(0, x == count - 1), pushed(2, z == 0)
+    left[:, 1] += 0.5 * step[0]
+    right[:, 1], right[:, 2] = right[:, 0] + 0.5 * step[0], -right[:, 2]
+    floor[:, 1] += 0.5 * step[2]
+    joined = recorded.Contacts(*contacts(*np.concatenate(pairs))).through_faces(SLAB.grid.period)
+    values = in_slab(joined, contacts(*np.concatenate([left, right, floor])), bed(centre))
+    collector = Collector(SLAB.grid)
+    collector.add(0.0, bed(centre))
+    collector.observe(values)
+    segments = [collector.take()]
+    found = stress_arrays(segments, SLAB, np.ones(SLAB.grid.shape))
+    heights = SLAB.grid.z_centres
+    deep_rows = (heights > 0.06) & (heights < 0.3)  # twelve layers
+    exact = DENSITY * np.pi / 6 * GRAVITY * (0.4 - heights)[deep_rows, None]
+    assert np.abs(found["stress_zz"][deep_rows].mean(axis=1) / exact[:, 0] - 1).max() < 0.1
+    np.testing.assert_allclose(found["stress_rr"][deep_rows].mean(), force / DIAMETER**2, rtol=0.01)
+    np.testing.assert_allclose(found["stress_tt"][deep_rows].mean(), force / DIAMETER**2, rtol=0.01)
+    balance = supported(segments, SLAB, GRAVITY)
+    assert balance.imbalance == pytest.approx(0, abs=0.03)
+    assert balance.by_walls == pytest.approx(0, abs=0.03)
