@@ -25,10 +25,10 @@ _COMPONENTS = ("stress_rr", "stress_tt", "stress_zz", "stress_rz")
 def contact_stress(bins: Bins, pairs: Touching, walls: Touching, particles: Particles, density: float) -> Arrays:
     """One snapshot as values for `Collector.observe`.
 
-    ``stress`` (5, bz, br) Σ ∫ f ⊗ l ds: rr, θθ, zz, rz, zr [N m], in a slab xx, yy, zz, xz, zx; ``stress_mass`` (2, bz) of the particles centred in
-    each row of bins [kg], ``stress_support`` (2, bz) upward force of the walls that touch there [N], and both times the
-    part of the row that lies below; ``stress_motion``
-    (1,) Σ m v² of all on the grid [N m]; ``stress_looks`` (1,) counts the snapshots.
+    ``stress`` (5, bz, br) Σ ∫ f ⊗ l ds: rr, θθ, zz, rz, zr [N m], in a slab xx, yy, zz, xz, zx; ``stress_mass`` (2, bz)
+    of the particles centred in each row of bins [kg], ``stress_support`` (2, bz) upward force of the walls that touch
+    there [N], and both times the part of the row that lies below; ``stress_motion`` (1,) Σ m v² of all on the grid
+    [N m]; ``stress_looks`` (1,) counts the snapshots.
 
     Parameters
     ----------
