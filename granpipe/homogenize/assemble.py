@@ -12,7 +12,8 @@ from granpipe.field import Array, Field, Grid, level_flow
 from granpipe.homogenize.average import Sums
 from granpipe.homogenize.conserve import Plug, scale_rows
 from granpipe.homogenize.smooth import bulk_mask, flowing_faces, smooth
-from granpipe.homogenize.statistics import BLOCKS, LEAST_BLOCKS, blocks, flux_errors, local_errors
+from granpipe.homogenize.space_outlets import fluxes
+from granpipe.homogenize.statistics import BLOCKS, LEAST_BLOCKS, blocks, errors_in_space, flux_errors
 
 
 def packing_fraction(volume: Array, inside_fraction: Array, grid: Grid) -> Array:
@@ -54,19 +55,15 @@ def with_standard_errors(field: Field, segments: Sequence[Sums], diameter: float
     """
     if len(segments) < LEAST_BLOCKS:
         return field
-    most = BLOCKS if field.flux_y is None else 2 * LEAST_BLOCKS  # all fluxes in space at once take much memory
-    joined = blocks(segments, min(len(segments), most))
+    if field.flux_y is not None:
+        joined = blocks(segments, min(len(segments), 2 * LEAST_BLOCKS))  # more fluxes in space at once take much memory
+        run = np.array([block.run for block in joined])
+        (x, y, z), _ = errors_in_space([fluxes(block) for block in joined], run, field.grid, diameter)
+        return replace(field, flux_r_se=x, flux_y_se=y, flux_z_se=z, raw_flux_r_se=x, raw_flux_z_se=z)
+    joined = blocks(segments, min(len(segments), BLOCKS))
     run = np.array([block.run for block in joined])
     (flux_r, flux_z), _ = flux_errors([block.mean_flux for block in joined], run, field.grid, diameter)
-    along_y = [block.mean_flux_y for block in joined if block.mean_flux_y is not None]
-    return replace(
-        field,
-        flux_r_se=flux_r,
-        flux_z_se=flux_z,
-        raw_flux_r_se=flux_r,
-        raw_flux_z_se=flux_z,
-        flux_y_se=local_errors(np.array(along_y), run, field.grid, diameter) if along_y else None,
-    )
+    return replace(field, flux_r_se=flux_r, flux_z_se=flux_z, raw_flux_r_se=flux_r, raw_flux_z_se=flux_z)
 
 
 def gaussian_field(

@@ -22,7 +22,7 @@ from granpipe.homogenize.assemble import raw_field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import Plug
 from granpipe.homogenize.space_outlets import Faces, OutletCells, OutletFaces, face_areas, fluxes, left_above
-from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, local_errors, standard_error
+from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, errors_in_space, local_errors, standard_error
 
 BLOCKS = 2 * LEAST_BLOCKS
 """Blocks that the standard errors rest on, where there are so many segments."""
@@ -42,12 +42,14 @@ class SpaceFitted:
 
     field : the field
     blocks : how many blocks of segments the standard errors rest on; none are given below 7
+    effective_blocks : as how many independent ones they count, where there are standard errors
     change : of the average by conserving, beyond noise, relative
     out : (1 + blocks, outlets) solids that leave through each outlet, of the whole and of each block [m³/s]
     """
 
     field: Field
     blocks: int
+    effective_blocks: float
     change: float
     out: Array
 
@@ -90,12 +92,8 @@ def space_field(
     leaving = [] if outlets is None else outlets.faces(raw.bulk)
     faces = _flowing(raw.bulk, leaving)
     area = face_areas(grid)
-
-    def errors_of(fluxes: Sequence[Faces]) -> list[Array]:
-        return [local_errors(np.array(one), run, grid, diameter) for one in zip(*fluxes, strict=True)]
-
-    errors = errors_of(each)
-    variance = _variances([(a * se) ** 2 for a, se in zip(area, errors, strict=True)], faces, grid, diameter)
+    rough = [local_errors(np.array(one), run, grid, diameter) for one in zip(*each, strict=True)]
+    variance = _variances([(a * se) ** 2 for a, se in zip(area, rough, strict=True)], faces, grid, diameter)
     given = [one for one in leaving if one.share is not None]
     projection = Projection(raw.bulk, faces, variance, given)
     asked = [one.share * plug.solids_flow for one in given if one.share is not None]
@@ -116,13 +114,14 @@ def space_field(
         raw, flux_r=flux_r, flux_y=flux_y, flux_z=flux_z, bulk_flow=flow / plug.packing,
         flow_scale=flow_scale * plug.solids_flow / flow,
     )  # fmt: skip
-    out = [[one.out(flow_of(final)) for one in leaving]]
+    out, effective = [[one.out(flow_of(final)) for one in leaving]], float(len(each))
     if len(segments) >= LEAST_BLOCKS:
         fitted = [conserving(one) for one in each]
         out += [[one.out(flow_of(block)) for one in leaving] for block in fitted]
-        x, y, z = errors_of(fitted)
-        field = replace(field, flux_r_se=x, flux_y_se=y, flux_z_se=z, raw_flux_r_se=errors[0], raw_flux_z_se=errors[2])
-    return SpaceFitted(field, len(each), change, np.array(out))
+        (x, y, z), effective = errors_in_space(fitted, run, grid, diameter)
+        (raw_x, _, raw_z), _ = errors_in_space(each, run, grid, diameter)
+        field = replace(field, flux_r_se=x, flux_y_se=y, flux_z_se=z, raw_flux_r_se=raw_x, raw_flux_z_se=raw_z)
+    return SpaceFitted(field, len(each), effective, change, np.array(out))
 
 
 def space_errors(field: Field, levels: Mapping[str, tuple[float, float]]) -> dict[str, float]:

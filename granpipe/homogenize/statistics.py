@@ -170,6 +170,37 @@ def local_errors(values: Array, run: NDArray[np.int64], grid: Grid, diameter: fl
     return standard_error(values, local_effective_samples(values, run, _REACH * diameter / grid.cell))
 
 
+def errors_in_space(
+    fluxes: Sequence[tuple[Array, Array, Array]], run: NDArray[np.int64], grid: Grid, diameter: float
+) -> tuple[tuple[Array, Array, Array], float]:
+    """Standard errors of the mean flux through every face in space, and how many independent samples there are.
+
+    A face sees only few particles pass, without a ring to average over: its own variance is as uncertain as from three
+    degrees of freedom. So variances, as covariances, are seen through a Gaussian of one particle diameter; and nowhere
+    do samples count for more than those of the whole component, for slow motion is wide and local noise hides it.
+    Intervals are Student's with one degree of freedom less than the independent samples.
+
+    Parameters
+    ----------
+    fluxes : along x, y and z, sample by sample, in the order of run and time
+    run : (n,) which run each sample is of
+    diameter : of the particles [m]
+    """
+    reach, errors, independent = _REACH * diameter / grid.cell, [], float(len(fluxes))
+    for values in (np.array(component) for component in zip(*fluxes, strict=True)):
+        whole = effective_samples(values.reshape(len(values), -1), run)
+        effective = np.minimum(local_effective_samples(values, run, reach), whole)
+        variance = values.var(axis=0)
+        varies = variance > 0
+        seen, counted = (
+            ndimage.gaussian_filter(one, reach, mode="constant") for one in (variance, varies.astype(float))
+        )
+        mean = np.divide(seen, counted, out=np.zeros_like(seen), where=varies)
+        errors.append(np.sqrt(mean / (effective - 1)))
+        independent = min(independent, whole)
+    return (errors[0], errors[1], errors[2]), independent
+
+
 def _correlation_time(covariance: Array, count: int) -> Array:
     """(…) τ from the covariances (lags, …) of `count` samples; 1 where nothing varies.
 

@@ -34,7 +34,7 @@ from granpipe.pipeline.dump_checks import (
 from granpipe.pipeline.dump_grid import vessel_box
 from granpipe.pipeline.dump_survey import survey
 from granpipe.pipeline.dump_window import Frame, Request
-from granpipe.pipeline.gates import CONSERVING, PACKING, level_flow_gates, upward_gate
+from granpipe.pipeline.gates import CONSERVING, PACKING, SPACE_BLOCKS, Gate, level_flow_gates, upward_gate
 from granpipe.pipeline.space_average import outlet_flows, outlet_notes
 from granpipe.planning.flow import check_flow_rate, target_flow
 
@@ -182,9 +182,12 @@ def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
     fitted = space_field(segments, inside, plug, found.diameter, vessel.scale(plug), cells)
     field, gathered = fitted.field, gathered_flow(sums, plug.z_range)
     figures: dict[str, Any] = {"largest_packing": densest, "solids_outside_the_walls": outside}
-    figures |= {"blocks": fitted.blocks, "conserving_changes": fitted.change}
+    figures |= {"blocks": fitted.blocks, "effective_blocks": fitted.effective_blocks}
+    figures |= {"conserving_changes": fitted.change}
+    known: list[Gate] = []
     if field.flux_z_se is not None:
         figures["statistical_error"] = space_errors(field, vessel.levels)
+        known.append(SPACE_BLOCKS.gate(fitted.effective_blocks))
     notes: list[str] = []
     if vessel.outlets:
         figures["outlets"] = outlets = outlet_flows(vessel.outlets, fitted.out)
@@ -197,6 +200,7 @@ def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
         *solids_gate(found, held_solids(field), frame),
         PACKING.gate(field.bulk_packing),
         CONSERVING.gate(fitted.change),
+        *known,
     ]
     told = told_of(field, "the nearest conserving flow", gates, found, collector, figures)
     return replace(told, notes=(*notes, *told.notes))

@@ -17,7 +17,7 @@ from granpipe.homogenize.space_field import space_errors, space_field
 from granpipe.homogenize.space_outlets import OutletFaces, flows, left_above
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, standard_error
 from granpipe.pipeline.averages import AveragedField, averaged_field, measured_packing, outlet_cells, plug_range
-from granpipe.pipeline.gates import CONSERVING, OUTLET_SHARE, Gate
+from granpipe.pipeline.gates import CONSERVING, OUTLET_SHARE, SPACE_BLOCKS, Gate
 from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan
 
@@ -43,7 +43,7 @@ def averaged_of(plan: Plan, segments: Sequence[Sums]) -> AveragedField:
     plug = _plug(plan, sums, case.material.packing, left)
     scale = target_flow(case, plug.packing) / plug.bulk_flow
     fitted = space_field(segments, inside, plug, diameter, scale, cells, BLOCKS)
-    figures: dict[str, Any] = {"blocks": fitted.blocks, "effective_blocks": float(fitted.blocks)}
+    figures: dict[str, Any] = {"blocks": fitted.blocks, "effective_blocks": fitted.effective_blocks}
     figures |= {"conserving_changes": fitted.change, "outlets": _measured(vessel, segments, faces)}
     if fitted.field.flux_z_se is not None:
         figures["statistical_error"] = space_errors(fitted.field, {})
@@ -75,7 +75,10 @@ def measured_packing_of(plan: Plan, sums: Sums) -> float | None:
 def space_gates(figures: Mapping[str, Any]) -> list[Gate]:
     """What a field in space must hold to, from its figures."""
     apart = max(abs(one["measured_share"] - one["share"]) for one in figures["outlets"])
-    return [CONSERVING.gate(figures["conserving_changes"]), OUTLET_SHARE.gate(apart)]
+    gates = [CONSERVING.gate(figures["conserving_changes"]), OUTLET_SHARE.gate(apart)]
+    if "statistical_error" in figures:
+        gates.append(SPACE_BLOCKS.gate(figures["effective_blocks"]))
+    return gates
 
 
 def outlet_flows(outlets: Sequence[WallOpening], out: Array) -> list[dict[str, Any]]:
