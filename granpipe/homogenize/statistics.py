@@ -191,7 +191,7 @@ def errors_in_space(
         whole = effective_samples(values.reshape(len(values), -1), run)
         effective = np.minimum(local_effective_samples(values, run, reach), whole)
         variance = values.var(axis=0)
-        varies = variance > 0
+        varies = variance > 1e-24 * (values**2).mean(axis=0)  # not by rounding alone
         seen, counted = (
             ndimage.gaussian_filter(one, reach, mode="constant") for one in (variance, varies.astype(float))
         )

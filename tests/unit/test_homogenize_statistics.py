@@ -9,13 +9,14 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from granpipe.errors import DataError
-from granpipe.field import Grid
+from granpipe.field import Box, Grid
 from granpipe.homogenize.assemble import raw_field, with_standard_errors
 from granpipe.homogenize.average import Collector, merge
 from granpipe.homogenize.conserve import Plug
 from granpipe.homogenize.statistics import (
     blocks,
     effective_samples,
+    errors_in_space,
     local_effective_samples,
     off_centre,
     onset,
@@ -338,3 +339,51 @@ def test_turnovers_count_how_often_the_filling_is_renewed():
     assert turnovers(whole, (0.0, 0.2)) == pytest.approx(9 * 0.1 / 0.2, rel=0.1)
     with pytest.raises(DataError, match="no row"):
         turnovers(whole, (0.5, 0.6))
+
+
+def of_faces_in_space(memory: float, level: float, rng: np.random.Generator) -> list[tuple[np.ndarray, ...]]:
+    """36 samples of noise about `level` through the faces of 8³ cells; few particles make it lumpy, half is at rest."""
+    count, faces = 36, 8 * 8 * 9
+    noise = rng.normal(size=(count + 50, 3, faces))
+    for at in range(1, count + 50):
+        noise[at] = memory * noise[at - 1] + noise[at] * np.sqrt(1 - memory**2)
+    lumps = np.where(np.abs(noise[50:]) > 1.2, noise[50:], 0.0)
+    lumps[:, :, ::5] = 0.0  # closed
+    return [(level + x.reshape(8, 8, 9), level + y.reshape(8, 9, 8), level + z.reshape(9, 8, 8)) for x, y, z in lumps]
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.7])
+def test_intervals_in_space_hold_the_truth_where_few_particles_pass_a_face(memory):
+    rng, run, grid = (
+        np.random.default_rng(11),
+        np.zeros(36, dtype=int),
+        Box.within((0, 8), (0, 8), (0, 8), 1.0, flat=False, cut=True),
+    )
+    held = []
+    for _ in range(4):
+        samples = of_faces_in_space(memory, 0.3, rng)
+        errors, effective = errors_in_space(samples, run, grid, 2.0)
+        reach = stats.t.ppf(0.975, effective - 1)
+        for error, values in zip(errors, zip(*samples, strict=True), strict=True):
+            opened = error > 0
+            held.append((np.abs(np.mean(values, axis=0) - 0.3) <= reach * error)[opened].mean())
+            assert opened.mean() == pytest.approx(0.8, abs=0.01)  # nothing is known of noise where nothing moves
+    assert 0.93 < np.mean(held) < 0.98
+
+
+def test_slow_and_wide_motion_counts_for_few_samples_at_every_face():
+    rng, run, grid = (
+        np.random.default_rng(12),
+        np.zeros(36, dtype=int),
+        Box.within((0, 8), (0, 8), (0, 8), 1.0, flat=False, cut=True),
+    )
+    slow = np.sin(2 * np.pi * np.arange(36) / 36)[:, None, None, None]
+    noise = [
+        rng.normal(size=(36, *shape)) * np.linspace(0.2, 3, shape[2]) for shape in ((8, 8, 9), (8, 9, 8), (9, 8, 8))
+    ]
+    (_, _, still), alone = errors_in_space(list(zip(*noise, strict=True)), run, grid, 2.0)
+    (_, _, moving), together = errors_in_space(
+        list(zip(noise[0], noise[1], noise[2] + 3 * slow, strict=True)), run, grid, 2.0
+    )
+    assert together < 0.4 * alone
+    assert (moving > 1.3 * still).all()
