@@ -66,8 +66,10 @@ def read_triangles(path: Path) -> tuple[Points, NDArray[np.int64]]:
             mesh = (obj if path.suffix.lower() == ".obj" else stl).read(path)
         cells = [block.data for block in mesh.cells if block.type == "triangle"]
         points, triangles = np.asarray(mesh.points, dtype=float), np.concatenate(cells)
-    except Exception as error:  # meshio's readers raise whatever a damaged file makes them stumble over
-        raise CaseError(f"no triangles can be read from it ({type(error).__name__}: {error})") from None
+    except Exception:  # meshio's readers raise whatever a damaged file makes them stumble over
+        raise CaseError(
+            "no triangles can be read from it: cut short, damaged, or of another format; export it anew"
+        ) from None
     if points.shape[1:] != (3,):
         raise CaseError("damaged: its points have not three coordinates each")
     if len(triangles) == 0 or not (np.abs(points) <= LARGEST).all():

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from granpipe.export.plan_picture import Planned, plan_picture
+from granpipe.export.space_plan_picture import PlannedInSpace, PlannedOutlet, space_plan_picture
 from granpipe.geometry.free_surfaces import free_surfaces
 from granpipe.geometry.openings import find_openings
+from granpipe.geometry.space_vessel import SpaceVessel
 from granpipe.planning.bulk_friction import bulk_friction
 from granpipe.planning.plan import Plan
 from granpipe.planning.sections import section_ranges
@@ -22,14 +24,31 @@ def draw_plan(plan: Plan, path: Path) -> str:
     ------
     RunError : something else stands where the picture is to go
     """
-    if plan.space is not None:
-        return "no picture of a plan in space; ParaView and every CAD program show the file of the walls"
     check_picture(path)
+    title = f"{plan.case.name}: model {plan.model}"
     try:
-        plan_picture(planned(plan), f"{plan.case.name}: model {plan.model}", path)
+        if plan.space is None:
+            plan_picture(planned(plan), title, path)
+        else:
+            space_plan_picture(planned_in_space(plan, plan.space), title, path)
     except OSError as error:
         return f"no picture: {path} cannot be written ({error.strerror})"
     return f"picture   {path}"
+
+
+def planned_in_space(plan: Plan, vessel: SpaceVessel) -> PlannedInSpace:
+    """What the picture of a plan in space shows."""
+    dem = plan.dem
+    levels = zip(dem.plate_levels(0), dem.plate_levels(dem.steps), strict=True)
+    return PlannedInSpace(
+        walls=vessel.walls.surface,
+        simulated=vessel.surface(dem.feed_top, dem.plate_level(dem.steps), most_rows=1),
+        inlet=vessel.inlet.corners,
+        outlets=[
+            PlannedOutlet(one.name, one.share, one.opening.corners, one.spout.ring, plate)
+            for one, plate in zip(vessel.outlets, levels, strict=True)
+        ],
+    )
 
 
 def planned(plan: Plan) -> Planned:

@@ -25,6 +25,7 @@ from granpipe.homogenize.space_field import space_field
 from granpipe.homogenize.space_outlets import OutletCells, face_areas, left_above, within_vessel
 from granpipe.pipeline.dem_stages import insertion_boxes
 from granpipe.pipeline.health_limits import space_limits
+from granpipe.pipeline.plan_picture import draw_plan, planned_in_space
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.system.gmsh_session import gmsh_session
 
@@ -294,3 +295,18 @@ def test_a_roof_with_a_hole_is_no_outlet() -> None:
     outlets = {"a": OutletSpec(at=(24, 24, 0), share=0.5), "b": OutletSpec(at=(72, 24, 48), share=0.5)}
     with pytest.raises(CaseError, match="faces upwards"):
         vessel(blocks(solid, 8, opened), outlets)
+
+
+def test_the_picture_of_a_plan_shows_each_outlet_its_tube_and_its_plate(taps: Plan, tmp_path: Path) -> None:
+    assert taps.space is not None
+    shown = planned_in_space(taps, taps.space)
+    assert [(one.name, one.share) for one in shown.outlets] == [("low", 0.6), ("high", 0.4)]
+    low, high = shown.outlets
+    for one in shown.outlets:
+        assert one.tube[:, 2].min() == pytest.approx(one.opening[:, 2].min())
+        start, end = one.plate
+        assert end < start < one.opening[:, 2].min()
+    assert (low.plate[0] - low.plate[1]) / (high.plate[0] - high.plate[1]) == pytest.approx(1.5)
+    assert shown.simulated[..., 2].max() > shown.inlet[:, 2].max() > shown.walls[..., 2].min()
+    assert draw_plan(taps, tmp_path / "plan.png") == f"picture   {tmp_path / 'plan.png'}"
+    assert (tmp_path / "plan.png").stat().st_size > 10_000
