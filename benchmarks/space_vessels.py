@@ -48,8 +48,8 @@ FLOWING = 0.05
 """Of the RMS velocity: faces on which less flows on average are left out of the comparison of seeds."""
 
 TRIED = """\
-Of these six, the errors of single faces gave 86 to 92 % with the 26 degrees of freedom of independent blocks: a face sees
-few particles pass, so that its own variance is known like one of three degrees of freedom, and the slow sidewise
+Of these six, the errors of single faces gave 86 to 92 % with the 26 degrees of freedom of independent blocks: a face
+sees few particles pass, so that its own variance is known like one of three degrees of freedom, and the slow sidewise
 shifts of the vertical flow are correlated over 14 mm of plate travel. It is no matter of the filling: the halves of
 one run differ as much as two runs do, and the correlation with the mean of the other runs falls to nothing. So
 variances are seen through a particle diameter, and no face counts for more independent blocks than its component. The
