@@ -62,9 +62,11 @@ def space_plan_picture(planned: PlannedInSpace, title: str, path: Path) -> None:
         figure.suptitle(title, fontsize=10)
         for number, across in enumerate("xy"):
             axes, seen = figure.add_subplot(1, 2, number + 1), [number, 2]
-            axes.add_collection(PolyCollection(planned.simulated[..., seen], facecolor=REST, alpha=_FACES, linewidth=0))
             axes.add_collection(
-                PolyCollection(planned.walls[..., seen], facecolor="none", edgecolor=STONE, linewidth=0.2)
+                PolyCollection(list(planned.simulated[..., seen]), facecolor=REST, alpha=_FACES, linewidth=0)
+            )
+            axes.add_collection(
+                PolyCollection(list(planned.walls[..., seen]), facecolor="none", edgecolor=STONE, linewidth=0.2)
             )
             for corners, colour in ((planned.inlet, INK), *((one.opening, RED) for one in planned.outlets)):
                 axes.plot(*np.vstack([corners, corners[:1]])[:, seen].T, color=colour, linewidth=2.0)
