@@ -212,7 +212,7 @@ class Flow:
         """
         import xarray
 
-        across = "r" if self.nodes.axial else "x"
+        across = self.nodes.measure.letter
         r, z = self.stored.grid.r_centres, self.stored.grid.z_centres
         places = r[None, :], z[:, None]
         values = {"u": (self.velocity(*places)[0], "m/s"), "w": (self.velocity(*places)[1], "m/s")}
@@ -222,7 +222,7 @@ class Flow:
         if self.nodes.packing is not None:
             values["packing"] = (self.packing(*places), "1")
         if self._surface is not None:
-            values["psi"] = (self.psi(*places), "m3/s" if self.nodes.axial else "m2/s")
+            values["psi"] = (self.psi(*places), "m3/s" if self.nodes.measure.axial else "m2/s")
         return xarray.Dataset(
             {name: (("z", across), array, {"units": unit}) for name, (array, unit) in values.items()},
             {"z": ("z", z, {"units": "m"}), across: (across, r, {"units": "m"})},
@@ -253,7 +253,7 @@ class Flow:
         return nodal_values(self.stored)
 
     def __repr__(self) -> str:
-        return _described(self.stored, "r–z" if self.nodes.axial else "x–z", self.flow_rate)
+        return _described(self.stored, f"{self.nodes.measure.letter}–z", self.flow_rate)
 
     def _repr_png_(self) -> bytes:
         """The picture that a notebook shows."""

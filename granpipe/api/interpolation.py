@@ -97,14 +97,15 @@ class StreamSurface:
     def of(cls, field: Field, nodes: Nodes) -> StreamSurface:
         """From the ψ and the velocities on nodes, which must have a ψ."""
         assert nodes.psi is not None
-        x, z, radius = (nodes.r**2, nodes.z, nodes.r) if nodes.axial else (nodes.r, nodes.z, np.ones(len(nodes.r)))
-        psi_x, psi_z = nodes.bulk_w / (2 if nodes.axial else 1), -radius * nodes.bulk_u
+        axial, z = nodes.measure.axial, nodes.z
+        x = nodes.r**2 if axial else nodes.r
+        psi_x, psi_z = nodes.bulk_w / (2 if axial else 1), -nodes.measure.weight(nodes.r) * nodes.bulk_u
         psi = _beyond_cut_walls(nodes.psi, psi_x, psi_z, x, z, field, nodes)
         upward = np.pad(nodes.cells, ((0, 0), (1, 0))) | np.pad(nodes.cells, ((0, 0), (0, 1)))
         slope = np.pad(np.diff(psi_x, axis=0) / np.diff(z)[:, None] * upward, ((1, 1), (0, 0)))
         count = np.pad(upward.astype(float), ((1, 1), (0, 0)))
         psi_xz = (slope[1:] + slope[:-1]) / np.maximum(1, count[1:] + count[:-1])
-        return cls(x, z, nodes.axial, psi, psi_x, psi_z, psi_xz)
+        return cls(x, z, axial, psi, psi_x, psi_z, psi_xz)
 
     def value(self, r: Array, at: Places) -> Array:
         """(n,) ψ at radii r in cells [m³/s per radian]."""

@@ -65,7 +65,7 @@ def interpolated_divergence(nodes: Nodes) -> Array:
     u, w = nodes.bulk_u, nodes.bulk_w
     du_dr = 0.5 * (np.diff(u, axis=1)[:-1] + np.diff(u, axis=1)[1:]) / dr
     dw_dz = 0.5 * (np.diff(w, axis=0)[:, :-1] + np.diff(w, axis=0)[:, 1:]) / dz
-    if not nodes.axial:
+    if not nodes.measure.axial:
         return np.asarray(du_dr + dw_dz)
     centre = 0.5 * (nodes.r[1:] + nodes.r[:-1])
     return np.asarray(0.25 * cell_sum(u) / centre + du_dr + dw_dz)

@@ -47,7 +47,7 @@ def write_interpolation(
         if column.grid_file:
             write_lines(folder / column.grid_file, _grid(nodes.r, nodes.z, column.values))
     if nodes.psi is not None:
-        write_lines(folder / "psi_grid.txt", _grid(nodes.r**2 if nodes.axial else nodes.r, nodes.z, nodes.psi))
+        write_lines(folder / "psi_grid.txt", _grid(nodes.r**2 if nodes.measure.axial else nodes.r, nodes.z, nodes.psi))
     sections = [column for column in columns if column.name != "psi"]
     write_lines(folder / "flow_sectionwise.txt", _sectionwise(nodes, sections))
     return sections
@@ -56,7 +56,7 @@ def write_interpolation(
 def _spreadsheet(nodes: Nodes, columns: list[Column], name: str, date: datetime) -> Iterator[str]:
     """Lines of the Spreadsheet format, its header and widths as COMSOL's own exports have them; r varies fastest."""
     r, z = np.meshgrid(nodes.r, nodes.z)
-    yield from spreadsheet({"r" if nodes.axial else "x": r, "z": z}, columns, name, date)
+    yield from spreadsheet({nodes.measure.letter: r, "z": z}, columns, name, date)
 
 
 def spreadsheet(places: dict[str, Array], columns: list[Column], name: str, date: datetime) -> Iterator[str]:
@@ -137,7 +137,7 @@ def _program(template: str, exported: Exported, sections: list[Column]) -> str:
             version=__version__,
             functions=sections,
             conserving=exported.field.psi is not None,
-            axial=exported.nodes.axial,
+            axial=exported.nodes.measure.axial,
             depth=number(exported.field.grid.measure.turn),
             flow_rate=number(exported.flow_rate),
             reference_density=number(exported.reference_density),

@@ -103,7 +103,7 @@ class Exported:
 def columns_of(nodes: Nodes, errors: Nodes | None = None) -> list[Column]:
     """What nodes hold beside r and z, with the standard errors where they are known."""
     solids = nodes.solids.astype(float)
-    across = "Radial" if nodes.axial else "Horizontal"
+    across = "Radial" if nodes.measure.axial else "Horizontal"
     columns = [
         Column("u_bulk", "m/s", f"{across} bulk velocity", nodes.bulk_u, "u_grid.txt"),
         Column("w_bulk", "m/s", "Vertical bulk velocity", nodes.bulk_w, "w_grid.txt"),
@@ -121,7 +121,7 @@ def columns_of(nodes: Nodes, errors: Nodes | None = None) -> list[Column]:
         ]
     columns.append(Column("solids", "1", "Solids mask", solids))
     if nodes.psi is not None:
-        unit, kind = ("m^3/s", "Stokes stream function") if nodes.axial else ("m^2/s", "Stream function")
+        unit, kind = ("m^3/s", "Stokes stream function") if nodes.measure.axial else ("m^2/s", "Stream function")
         columns.append(Column("psi", unit, kind, nodes.psi))
     return columns
 

@@ -28,7 +28,8 @@ def write_netcdf(exported: Exported, path: Path) -> None:
     from scipy.io import netcdf_file
 
     nodes = exported.nodes
-    across = "r" if nodes.axial else "x"
+    across = nodes.measure.letter
+    distance = "distance from the axis" if nodes.measure.axial else "width"
     with netcdf_file(path, "w", version=2) as file:
         file.Conventions = "CF-1.11"
         file.title = f"Flow of granular solids: {exported.name}"
@@ -36,7 +37,7 @@ def write_netcdf(exported: Exported, path: Path) -> None:
         file.comment = "; ".join(exported.head[1:3])
         axes: dict[str, tuple[Array, Attributes]] = {
             "z": (nodes.z, {"units": "m", "long_name": "height", "axis": "Z", "positive": "up"}),
-            across: (nodes.r, {"units": "m", "long_name": "distance from the axis" if nodes.axial else "width"}),
+            across: (nodes.r, {"units": "m", "long_name": distance}),
         }
         for name, (values, attributes) in axes.items():
             file.createDimension(name, len(values))

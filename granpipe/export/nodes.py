@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from granpipe.errors import DataError
-from granpipe.field import Array, Field, Mask
+from granpipe.field import ROUND, Array, Field, Mask, Measure
 
 Values = TypeVar("Values", Array, Mask)
 
@@ -36,7 +36,7 @@ class Nodes:
     particle_u, particle_w : (nz+1, nr+1) particle velocity v = F/φ [m/s]; None where the field has no packing
     packing : (nz+1, nr+1) solids fraction φ; None where the field has none
     psi : (nz+1, nr+1) Stokes stream function of the bulk velocity [m³/s per radian]; None where the field has none
-    axial : whether r is the distance from an axis; in the plane x–z it is x
+    measure : what the plane stands for: in x–z r is x
     """
 
     r: Array
@@ -49,7 +49,7 @@ class Nodes:
     particle_w: Array | None = None
     packing: Array | None = None
     psi: Array | None = None
-    axial: bool = True
+    measure: Measure = ROUND
 
 
 def nodal_values(field: Field) -> Nodes:
@@ -64,7 +64,7 @@ def nodal_values(field: Field) -> Nodes:
         solids=corner_sum(cells) > 0,
         cells=cells,
         psi=None if field.psi is None else field.psi * field.velocity_scale,
-        axial=field.grid.measure.axial,
+        measure=field.grid.measure,
     )
     if field.packing_fraction is not None:
         packing = np.where(field.inside_fraction > 0, field.packing_fraction, 0.0)

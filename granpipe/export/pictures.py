@@ -235,7 +235,7 @@ def draw_panel(
     _draw_surface(axis, field, nodes)
     _clip(axis, corners, _left(corners, nodes, left))
     _draw_vessel(axis, corners, obstacles, nodes, left)
-    _lengths(axis, "r" if nodes.axial else "x", "z" if labelled else "")
+    _lengths(axis, nodes.measure.letter, "z" if labelled else "")
 
 
 def _flow_figure(
@@ -255,7 +255,7 @@ def _flow_figure(
         _draw_surface(vessel, field, nodes)
         _clip(vessel, wall, _left(wall, nodes, left))
         _draw_vessel(vessel, wall, obstacles, nodes, left)
-        _lengths(vessel, "r" if nodes.axial else "x", "z")
+        _lengths(vessel, nodes.measure.letter, "z")
         _draw_flows(flows, field)
         flows.set_ylim(vessel.get_ylim())
         _name_sections(vessel, sections or {})
@@ -300,7 +300,7 @@ def _draw_vessel(
     axis.plot(*wall.T, color=INK, linewidth=1.4, solid_capstyle="round", clip_on=False, zorder=4)
     if left_wall is not None:
         axis.plot(*np.transpose(left_wall), color=INK, linewidth=1.4, solid_capstyle="round", clip_on=False, zorder=4)
-    if nodes.axial:
+    if nodes.measure.axial:
         axis.plot([0, 0], [low, high], color=INK, linewidth=0.6, linestyle=(0, (8, 3, 1, 3)), clip_on=False, zorder=4)
     axis.set(aspect="equal", xlim=(left, r_max), ylim=(low, high))
 
@@ -361,7 +361,7 @@ def _draw_radial(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
     unit, factor = _unit(nodes)
     top = _robust(np.abs(nodes.bulk_u[nodes.solids])) * factor or 1.0
     image = _smooth(axis, nodes, nodes.bulk_u * factor, cmap="RdBu_r", vmin=-top, vmax=top)
-    _bar(axis, image, f"{'radial' if nodes.axial else 'horizontal'} velocity [{unit}]", "both")
+    _bar(axis, image, f"{'radial' if nodes.measure.axial else 'horizontal'} velocity [{unit}]", "both")
 
 
 def _draw_vertical(axis: Axes, field: Field, nodes: Nodes, wall: Array) -> None:
