@@ -27,7 +27,7 @@ def write_page(data: Path, out: Path) -> Path:
 
 def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     every = [verdict for verdicts in judged.values() for verdict in verdicts]
-    yield "# Proved against others"
+    yield "# Compared with others"
     yield ""
     yield "Made by `make validation`; `PYTHONPATH=benchmarks python -m validation page` makes it again from the results"
     yield "in `benchmarks/references/validation` without a run. granpipe is compared with what others have measured,"
