@@ -62,6 +62,41 @@ def test_no_wall_layer_is_seen_at_the_periodic_faces(made: Path) -> None:
     assert near == pytest.approx(far, rel=0.1)
 
 
+FURNACE = """\
+name: furnace
+outline:
+  symmetry: plane
+  unit: mm
+  left: [[-60, 150], [-60, 130], [-80, 130], [-80, 70], [-50, 20], [-50, 0]]
+  right: [[60, 150], [60, 130], [80, 130], [80, 70], [50, 20], [50, 0]]
+  depth: 500
+material: {density: 2500, bulk_density: 1500, size: {diameter: 10 mm}}
+flow_rate: 10 kg/h
+model: fluid
+fluid: {rheology: frictional}
+homogenize: {cell: 5 mm}
+export: []
+figures: []
+"""
+
+
+@pytest.mark.slow
+def test_a_frictional_fluid_of_a_mirror_symmetric_slab_passes_its_gates_and_is_its_own_mirror_image(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "furnace.yaml"
+    path.write_text(FURNACE)
+    outcome = run(read_case(path), tmp_path)[0]
+    assert not outcome.failed
+    field = Field.load(outcome.folder / "field.npz")
+    np.testing.assert_allclose(level_flow(field.flux_z, field.grid) * field.flow_scale, 10 / 3600 / 2500, rtol=1e-10)
+    size = np.abs(field.flux_z).max()
+    np.testing.assert_allclose(field.flux_z[:, ::-1], field.flux_z, atol=0.05 * size)
+    np.testing.assert_allclose(-field.flux_r[:, ::-1], field.flux_r, atol=0.05 * size)
+    void = ~field.bulk & (field.inside_fraction > 0.99)
+    assert void[:, :16].sum() == void[:, 16:].sum() > 0  # below both ledges
+
+
 @pytest.mark.slow
 def test_stress_and_walls_bear_the_bed_with_contacts_through_the_periodic_faces(tmp_path: Path) -> None:
     """Were such contacts lost or counted twice, a tenth of the weight or more would be missing or too much."""
