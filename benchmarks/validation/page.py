@@ -57,10 +57,11 @@ def lines(judged: dict[str, list[Verdict]], data: Path) -> Iterator[str]:
     yield ""
     runs = [one for case in CASES if case.pieces for one in results_of(case, data)[1].values()]
     hours = sum(one["processor_seconds"] for one in runs) / 3600
-    yield f"Processor minutes: {minutes_of(runs)} in all, each run on one core. On two cores that do nothing else"
-    yield f"this is {hours / 2:.1f} hours, since two cases run at a time and none takes half of the sum. **It was not"
-    yield "shown in one piece**: all was run from nothing, but with pauses, and on a machine that did other work. ≈:"
-    yield "partly estimated, from the particle-steps in LIGGGHTS' logs at 8e5 per second, the slowest of the cases"
+    without = ", without the runs that are missing" if waiting else ""
+    yield f"Processor minutes: {minutes_of(runs)} in all{without}, each run on one core. On two cores that do nothing"
+    yield f"else this is {hours / 2:.1f} hours, since two cases run at a time and none takes half of the sum. **It was"
+    yield "not shown in one piece**: all was run from nothing, but with pauses, and on a machine that did other work."
+    yield "≈: partly estimated, from the particle-steps in LIGGGHTS' logs at 8e5 per second, the slowest of the cases"
     yield "that were measured ([the columns](#pressure-in-a-column-by-janssens-law)), and from the share of a core in"
     yield "LAMMPS' own logs."
     for case in CASES:
