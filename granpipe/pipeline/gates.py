@@ -19,6 +19,9 @@ from granpipe.planning.plan import FEWEST_DIAMETERS as FEWEST_OF_FRICTION
 from granpipe.planning.plan import LEAST_CELLS, Plan
 
 
+_ROUNDING = 1e-9
+
+
 @dataclass(frozen=True)
 class Gate:
     """One measured figure, its limit in words, and whether it holds."""
@@ -63,13 +66,13 @@ class Limit:
     percent: bool = False
 
     def gate(self, value: float, where: str = "", remedy: str | None = None) -> Gate:
-        """The gate for a measured value; what is not a number fails."""
+        """The gate for a measured value; what is not a number fails, what differs from a limit by rounding holds."""
         remedy = self.remedy if remedy is None else remedy
         return Gate(
             f"{self.name}{where}",
             value,
             f"{self.range}{f' ({remedy})' if remedy else ''}",
-            bool(self.low <= value <= self.high),
+            bool(self.low - _ROUNDING * abs(self.low) <= value <= self.high + _ROUNDING * abs(self.high)),
         )
 
     @property
