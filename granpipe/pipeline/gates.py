@@ -18,7 +18,6 @@ from granpipe.field import Array, Field, level_flow
 from granpipe.planning.plan import FEWEST_DIAMETERS as FEWEST_OF_FRICTION
 from granpipe.planning.plan import LEAST_CELLS, Plan
 
-
 _ROUNDING = 1e-9
 
 

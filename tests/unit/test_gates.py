@@ -39,7 +39,15 @@ def test_every_gate_and_note_has_a_name_of_its_own_and_a_reason():
 
 @pytest.mark.parametrize(
     ("value", "passed"),
-    [(0.49, False), (0.5, True), (0.5 - 1e-12, True), (0.68, True), (0.69, False), (math.nan, False), (math.inf, False)],
+    [
+        (0.49, False),
+        (0.5, True),
+        (0.5 - 1e-12, True),
+        (0.68, True),
+        (0.69, False),
+        (math.nan, False),
+        (math.inf, False),
+    ],
 )
 def test_a_figure_passes_between_its_limits(value, passed):
     gate = PACKING.gate(value)
