@@ -22,7 +22,7 @@ import numpy as np
 from run import machine  # finds the fakes of the tests as well
 from scipy import stats
 
-from fakes.space_walls import two_levels  # isort: skip
+from fakes.space_walls import two_levels, two_taps  # isort: skip
 from fakes.space_walls import write_stl as fakes_stl  # isort: skip
 
 from granpipe.analysis.compare import compare
@@ -119,6 +119,22 @@ dem: {ranks: 1, max_time: 4 s}
 """
 """Two outlets at different heights, in a floor with a step."""
 
+TAPS = """\
+name: taps
+vessel:
+  file: taps.stl
+  unit: mm
+  outlets:
+    low: {at: [0, 22.5, 15], share: 60 %}
+    high: {at: [60, 22.5, 45], share: 40 %}
+material: {density: 2500, size: {diameter: 4 mm}}
+contact: {friction: 0.5, rolling_friction: 0.1}
+flow_rate: 100 kg/h
+model: dem
+dem: {ranks: 1, max_time: 3 s}
+"""
+"""Two outlets in side walls: one at the floor, one higher."""
+
 SURFACES = {
     "round-stl": lambda: between([circle(r, z) for r, z in WALL]),
     "square": lambda: between([square(60, 80), square(60, 55), square(36, 0)]),
@@ -155,7 +171,8 @@ def cases(results: Path) -> dict[str, CaseFile]:
     texts = {"round": ROUND, "round-stl": in_space("round-stl", 7, "all")}
     texts |= {name: in_space(name, 4) for name in ("square", "off-centre")}
     fakes_stl(results / "levels.stl", two_levels(height=9, size=7.5))
-    texts["levels"] = LEVELS
+    fakes_stl(results / "taps.stl", two_taps(height=9, size=7.5))
+    texts |= {"levels": LEVELS, "taps": TAPS}
     found = {}
     for name, text in texts.items():
         path = results / f"{name}.yaml"
@@ -213,7 +230,7 @@ def exact(results: Path) -> Iterator[str]:
     yield "| vessel | particles | statistical error | levels | cells | shares | as simulated | gates passed |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
     made = cases(results)
-    for name in (*SURFACES, "two_outlets", "levels"):
+    for name in (*SURFACES, "two_outlets", "levels", "taps"):
         if not (results / name / "field.npz").exists():
             yield f"| {name} | not run yet | | | | | | |"
             continue
