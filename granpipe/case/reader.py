@@ -117,7 +117,7 @@ def varied(case: Case, changes: Mapping[str, str]) -> Case:
     ------
     CaseError : with the key of a wrong change
     """
-    return resolve(case.model_dump(mode="json", exclude_unset=True), Places(case.name), changes).case
+    return resolve(case.model_dump(mode="json", exclude_unset=True, exclude_none=True), Places(case.name), changes).case
 
 
 def schema_json() -> str:

@@ -93,7 +93,6 @@ def test_twice_the_thickness_holds_twice_the_particles_and_moves_alike():
         ({"dem__facets": 24}, ("dem", "facets"), "flat"),
         ({"figures": ["animation"]}, ("figures",), "animation"),
         ({"homogenize__method": "gaussian"}, ("homogenize", "method"), "psi"),
-        ({"homogenize__fields": ["stress"]}, ("homogenize", "fields"), "choose of particle_velocity"),
         ({"outline__left": [[0.01, 0.2], [0.01, 0]]}, ("outline", "right"), "gap|d90"),
     ],
 )
