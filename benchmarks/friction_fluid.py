@@ -155,10 +155,10 @@ def table(rows: list[Row]) -> dict[str, dict[str, Any]]:
         scene = scene_of(plan.case, plan.outline)
         assert scene is not None
         told = {key: round(one, 3) if isinstance(one, float) else one for key, one in asdict(scene).items()}
-        own = found.setdefault(row.reference.name, told)
+        results = found.setdefault(row.reference.name, {"scene": told, "results": {}})["results"]
         if row.model != "kinematic" and row.errors:
             sensitivity = {} if row.sensitivity is None else {"sensitivity": round(row.sensitivity, 4)}
-            own[row.model] = {"error": round(row.errors["whole"], 4)} | sensitivity
+            results[row.model] = {"error": round(row.errors["whole"], 4)} | sensitivity
     return found
 
 

@@ -27,19 +27,6 @@ class _Result(TypedDict):
     sensitivity: NotRequired[float]
 
 
-class _Row(TypedDict):
-    """Line of the table: a `Scene`, and what the fluids come to in it; a fluid that is refused there is missing."""
-
-    kind: Kind
-    half_angle: float
-    opening: float
-    internal: float
-    wall: float
-    open_outlet: bool
-    viscous: NotRequired[_Result]
-    frictional: NotRequired[_Result]
-
-
 @dataclass(frozen=True)
 class Scene:
     """What of a vessel and its material the error of a fluid depends on.
@@ -59,6 +46,14 @@ class Scene:
     internal: float
     wall: float
     open_outlet: bool
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Line of the table: a scene, and what the fluids come to in it; a fluid that is refused there is missing."""
+
+    scene: Scene
+    results: dict[Rheology, _Result]
 
 
 @dataclass(frozen=True)
@@ -96,11 +91,11 @@ def expected_error(rheology: Rheology, scene: Scene | None) -> ExpectedError | s
     """Of a fluid in a scene, by scenes of its kind; or why it is not known."""
     if scene is None:
         return "its error is not known: no slab is in the table of scenes"
-    own = {name: row for name, row in _table().items() if row["kind"] == scene.kind}
-    results = {name: row[rheology] for name, row in own.items() if rheology in row}
+    own = {name: row for name, row in _table().items() if row.scene.kind == scene.kind}
+    results = {name: row.results[rheology] for name, row in own.items() if rheology in row.results}
     if len(results) < FEWEST_SCENES:
         return f"its error is not known: of its kind ({scene.kind}) {len(results)} vessels are in the table of scenes"
-    if beyond := _beyond(scene, [*own.values()]):
+    if beyond := _beyond(scene, [row.scene for row in own.values()]):
         return f"its error is not known: the vessels of its kind ({scene.kind}) in the table of scenes {beyond}"
     errors = {name: one["error"] for name, one in results.items()}
     worst = max(errors, key=errors.__getitem__)
@@ -116,18 +111,18 @@ def expected_error(rheology: Rheology, scene: Scene | None) -> ExpectedError | s
     )
 
 
-def _beyond(scene: Scene, rows: list[_Row]) -> str:
+def _beyond(scene: Scene, others: list[Scene]) -> str:
     """How others differ from a scene that lies beyond their range; empty where it does not."""
-    if scene.open_outlet and not any(row["open_outlet"] for row in rows):
+    if scene.open_outlet and not any(one.open_outlet for one in others):
         return "stand on a plate, and its outlet is open"
-    steepest, narrowest = max(row["half_angle"] for row in rows), min(row["opening"] for row in rows)
+    steepest, narrowest = max(one.half_angle for one in others), min(one.opening for one in others)
     if scene.half_angle > steepest * (1 + BEYOND):
         return f"have walls up to {steepest:.3g}° from the vertical, it up to {scene.half_angle:.3g}°"
     if scene.opening < narrowest * (1 - BEYOND):
         return f"have openings of {narrowest:.3g} d and more, it one of {scene.opening:.3g} d"
     for name, value, known in (
-        ("bulk friction", scene.internal, [row["internal"] for row in rows]),
-        ("wall friction of the bulk", scene.wall, [row["wall"] for row in rows]),
+        ("bulk friction", scene.internal, [one.internal for one in others]),
+        ("wall friction of the bulk", scene.wall, [one.wall for one in others]),
     ):
         if not min(known) * (1 - BEYOND) <= value <= max(known) * (1 + BEYOND):
             return f"have a {name} of {min(known):.2g} to {max(known):.2g}, it {value:.2g}"
@@ -136,5 +131,5 @@ def _beyond(scene: Scene, rows: list[_Row]) -> str:
 
 @cache
 def _table() -> dict[str, _Row]:
-    table: dict[str, _Row] = json.loads(_DATA.read_text())
-    return table
+    table = json.loads(_DATA.read_text())
+    return {name: _Row(Scene(**row["scene"]), row["results"]) for name, row in table.items()}

@@ -6,6 +6,7 @@ is x in a slab; the axis is the left wall of what has no left wall.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -121,6 +122,12 @@ class Outline:
     def walls(self) -> tuple[Array, ...]:
         """The outer wall, or the right and the left one of a slab: (n, 2) points each [m]."""
         return (self.wall,) if self.measure.axial else (self.wall, self.left)
+
+    @property
+    def narrowing(self) -> list[tuple[float, float]]:
+        """Straight pieces of the wall that narrow downwards: height of the lower end [m], angle from the vertical."""
+        pieces = pairwise(self.wall.tolist())
+        return [(z1, math.atan2(r0 - r1, z0 - z1)) for (r0, z0), (r1, z1) in pieces if r1 < r0]
 
     @property
     def left_wall(self) -> list[tuple[float, float]] | None:

@@ -183,7 +183,7 @@ def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
     field, gathered = fitted.field, gathered_flow(sums, plug.z_range)
     figures: dict[str, Any] = {"largest_packing": densest, "solids_outside_the_walls": outside}
     figures |= {"blocks": fitted.blocks, "effective_blocks": fitted.effective_blocks}
-    figures |= {"conserving_changes": fitted.change}
+    figures["conserving_changes"] = fitted.change
     known: list[Gate] = []
     if field.flux_z_se is not None:
         figures["statistical_error"] = space_errors(field, vessel.levels)

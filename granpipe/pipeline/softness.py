@@ -42,8 +42,8 @@ def rigid_share(overlap: float) -> float:
 
 
 def mean_reference_overlap(reports: Sequence[Sequence[SegmentRecord]]) -> float:
-    """Mean overlap δ where the reference packing is taken, over the segments of all chains."""
-    return float(np.mean([report.reference_overlap for chain in reports for report in chain]))
+    """Mean overlap δ where the reference packing is taken, over the segments of all replicas."""
+    return float(np.mean([report.reference_overlap for replica in reports for report in replica]))
 
 
 def as_rigid(segments: Sequence[Sums], overlap: float) -> list[Sums]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -106,11 +105,7 @@ def _cone_factor(outline: Outline, opening: Opening) -> float:
     (tan α)^−0.35 of the half-angle α below 45°, at most `MOST_BEVERLOO`. Source: Rose & Tanaka (1959) in the form of
     Nedderman (1992), with a stagnant zone at 45°. For slots there is no such law: 1, which is on the safe side.
     """
-    narrowing = [
-        math.atan2(r0 - r1, z0 - z1)
-        for (r0, z0), (r1, z1) in pairwise(outline.wall.tolist())
-        if r1 < r0 and z1 >= opening.z - outline.tolerance
-    ]
+    narrowing = [angle for z, angle in outline.narrowing if z >= opening.z - outline.tolerance]
     if opening.length is not None or not narrowing:
         return 1.0
     return float(max(1.0, min(MOST_BEVERLOO, math.tan(narrowing[-1]) ** -0.35)))

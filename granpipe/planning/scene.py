@@ -46,5 +46,4 @@ def _kind(case: Case, outline: Outline) -> Kind:
 
 def _half_angle(outline: Outline) -> float:
     """Of the flattest part of the wall that is no floor, from the vertical [rad]."""
-    slopes = [math.atan2(r0 - r1, z0 - z1) for (r0, z0), (r1, z1) in pairwise(outline.wall.tolist()) if r0 > r1]
-    return max((slope for slope in slopes if slope <= FLATTEST_HOPPER), default=0.0)
+    return max((angle for _, angle in outline.narrowing if angle <= FLATTEST_HOPPER), default=0.0)

@@ -74,6 +74,11 @@ class FinishedRun:
         return [sums for production in self.productions for sums in production.sums()]
 
     @cached_property
+    def _overlap(self) -> float:
+        """Mean overlap where the reference packing is taken."""
+        return mean_reference_overlap([production.reports() for production in self.productions])
+
+    @cached_property
     def clocks(self) -> list[Array]:
         """Time [s] that each chain takes, settling included, up to the end of each of its segments.
 
@@ -98,7 +103,7 @@ class FinishedRun:
         """
         near = end * (1 + 1e-9)
         steady = steady_segments([sums for sums in self.segments if sums.stop <= near], self.plan)
-        return as_rigid(steady, mean_reference_overlap([production.reports() for production in self.productions]))
+        return as_rigid(steady, self._overlap)
 
     def seconds(self, end: float) -> float:
         """Time up to a simulated time: that of the slowest chain, for they run side by side."""

@@ -3,56 +3,22 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from fakes.small_vessels import FLAT, case_of, hopper, plan_of, said
 
 import granpipe.fluid.friction_error as errors
-from granpipe.case.reader import read_case, resolve
-from granpipe.case.schema import Case
-from granpipe.case.yamlfile import parse_yaml
+from granpipe.case.reader import read_case
 from granpipe.errors import CaseError
 from granpipe.fluid.friction_error import ExpectedError, Scene, expected_error
 from granpipe.pipeline.results import plan_summary
-from granpipe.planning.plan import Plan, make_plan, model_plans, other_rheology
+from granpipe.planning.plan import make_plan, model_plans, other_rheology
 from granpipe.planning.text import plan_text
 
 CONE = Scene("hopper", 26.0, 10.0, 0.42, 0.25, open_outlet=False)
 RING = "{ring: [[60, 190], [90, 190], [90, 200], [60, 200]]}"
-
-
-FLAT = "[[90, 110], [90, 0], [24, 0], [24, -6]]"
-
-
-def case_of(wall: str, *, size: str = "{diameter: 2 mm}", **changes: str) -> Case:
-    """A case in mm of spheres of 2500 kg/m³, with dotted keys (`__` for the dot) changed."""
-    text = f"""
-name: vessel
-outline: {{unit: mm, wall: {wall}}}
-material: {{density: 2500, bulk_density: 1500, size: {size}}}
-flow_rate: 0.1 g/s
-"""
-    data, places = parse_yaml(text, "vessel.yaml")
-    return resolve(data, places, {key.replace("__", "."): value for key, value in changes.items()}).case
-
-
-def plan_of(wall: str, **changes: str) -> Plan:
-    return make_plan(case_of(wall, **changes))
-
-
-def hopper(half_angle: float) -> str:
-    """Shaft, hopper of this half-angle [°] from the vertical and outlet pipe."""
-    height = 66 / math.tan(math.radians(half_angle))
-    return f"[[90, {height + 200}], [90, {height}], [24, 0], [24, -6]]"
-
-
-def said(half_angle: float) -> dict[str, str]:
-    """The sections of such a hopper, which the case calls mass flow."""
-    height = 66 / math.tan(math.radians(half_angle))
-    levels = f"{{a: [{height + 200}, {height}], b: {{z: [{height}, 0], regime: mass_flow}}, c: [0, -6]}}"
-    return {"outline__sections": levels}
 
 
 def worst(rheology: errors.Rheology) -> float:
@@ -136,12 +102,9 @@ def test_particles_whose_error_is_not_known_are_refused() -> None:
 
 
 def test_a_kind_needs_three_scenes_and_its_range_is_not_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    row: errors._Row = {
-        "kind": "hopper", "half_angle": 20, "opening": 10, "internal": 0.4, "wall": 0.2, "open_outlet": False,
-        "frictional": {"error": 0.1, "sensitivity": 0.02}, "viscous": {"error": 0.2},
-    }  # fmt: skip
     scene = Scene("hopper", 20, 10, 0.4, 0.2, open_outlet=False)
-    other: errors._Row = row | {"frictional": {"error": 0.3, "sensitivity": 0.04}}
+    row = errors._Row(scene, {"frictional": {"error": 0.1, "sensitivity": 0.02}, "viscous": {"error": 0.2}})
+    other = errors._Row(scene, row.results | {"frictional": {"error": 0.3, "sensitivity": 0.04}})
     monkeypatch.setattr(errors, "_table", lambda: {"a": row, "b": row})
     assert "2 vessels are in the table" in str(expected_error("frictional", scene))
     monkeypatch.setattr(errors, "_table", lambda: {"a": row, "b": row, "c": other})
