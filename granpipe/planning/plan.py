@@ -346,6 +346,10 @@ class _Scene:
         """The plan of one model."""
         return {"fluid": self._fluid, "dem": self._dem, "hybrid": self._hybrid}[model]()
 
+    @property
+    def _why_fluid(self) -> str:
+        return "the case asks for a fluid" if self.case.total_error is None else "a fluid is within total_error"
+
     def _fluid(self) -> Plan:
         self._check_density()
         through = self._fluid_openings()
@@ -353,8 +357,8 @@ class _Scene:
             return self._frictional(through)
         notes = [*check_flow_rate(self.case, self.outline, through), *self._narrow(through)]
         unfit, doubts = self._unfit(self.needs)
-        why = "the case asks for it" if unfit or doubts else "every section is straight or a mass-flow hopper"
-        left = [Stage("DEM run", "the case asks for a fluid" if unfit or doubts else "no section needs it")]
+        why = self._why_fluid if unfit or doubts else "every section is straight or a mass-flow hopper"
+        left = [Stage("DEM run", self._why_fluid if unfit or doubts else "no section needs it")]
         left.append(Stage("averaging", "there are no particles"))
         if "vessel" in self.case.figures:
             left.append(Stage("3-D picture", "there are no particles to show"))
@@ -372,8 +376,8 @@ class _Scene:
         voids(self.outline, friction.repose)
         notes = [*check_flow_rate(case, self.outline, through), *self._narrow(through), FRICTION_NOTE]
         notes += self._at_open_outlet()
-        stages = [Stage("fluid", "the case asks for a fluid with friction: cut free surfaces, mesh, iterate")]
-        left = [Stage("DEM run", "the case asks for a fluid"), Stage("averaging", "there are no particles")]
+        stages = [Stage("fluid", f"{self._why_fluid}, with friction: cut free surfaces, mesh, iterate")]
+        left = [Stage("DEM run", self._why_fluid), Stage("averaging", "there are no particles")]
         if "vessel" in case.figures:
             left.append(Stage("3-D picture", "there are no particles to show"))
         self._leave_out_fields("there are no particles", left, notes)

@@ -33,6 +33,7 @@ def test_the_cheaper_fluid_is_taken_where_its_worst_hopper_is_within_the_error()
     plan = plan_of(hopper(20), total_error=f"{tight}", **said(20))
     assert (plan.model, plan.case.fluid.rheology, plan.friction is not None) == ("fluid", "frictional", True)
     assert plan.breaches == ()
+    assert not any("the case asks" in stage.reason for stage in (*plan.stages, *plan.left_out))
 
 
 def test_below_that_particles_run_until_their_error_is_that_of_the_case() -> None:
