@@ -48,7 +48,7 @@ SECONDS, START = 2.2, 0.4
 THICKNESSES = (4, 8, 12)
 """Of the slice, in particle diameters."""
 
-SLOTS = (6, 7, 8)
+SLOTS = (6, 7, 8, 10, 12)
 """Widths, in particle diameters."""
 
 SYMMETRIC = """\
