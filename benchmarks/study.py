@@ -34,6 +34,15 @@ one. Without a study of the case, a study that comes with
 granpipe is used if it is of the same vessel and material. For any other case its settings are taken over as a guess:
 the same narrowest opening over d90, and plate speed over the automatic one.
 
+`--reference RESULTS` counts all errors from an earlier run of the same vessel and material, in place of the finest
+point: from one with the material's own particles, the error of particle size is measured and not extrapolated. Its
+results folder is enough (velocity, standard errors and effective blocks, cells, and the particle size, plate speed,
+stiffness and time step that it was made with; any flow rate). Its own distance from the limit follows from the slopes
+of the points at its settings, zero along the size where its particles are the material's; its noise is in every bound.
+Where its cells are smaller than the study's, it is brought onto these by its stream function, which changes a smeared
+flow by 0.5 to 0.9 % (`pytest tests/unit/test_regrid.py`); with cells more than a quarter larger it is refused, and so
+is a run of another scene or model. Where its results tell their processor time, it is an option of its own.
+
 ## How to read it
 
 - A **point** is one DEM run (or a hybrid, or a fluid). All points have one grid, as fine as the smallest particles
@@ -43,9 +52,9 @@ the same narrowest opening over d90, and plate speed over the automatic one.
   there, filling included: the wall time on cores that nothing else uses. Replicas count for as many cores as they are.
 - **Statistical** is the standard error of the option's own average, **systematic** the difference of the point's
   whole average from the limit: the material's own size, no plate speed, no softness, no time step. It is the difference
-  from the reference (finest particles, then slowest plate, then longest run), the noise of both taken off, and the
-  reference's own distance from the limit, added. The squares of both parts add to the error. The 95 % bound includes
-  how well either is known; by it an error is *proven*.
+  from the reference (that of `--reference`, or else finest particles, then slowest plate, then longest run), the noise
+  of both taken off, and the reference's own distance from the limit, added. The squares of both parts add to the error.
+  The 95 % bound includes how well either is known; by it an error is *proven*.
 - **Unresolved** differences are smaller than their own uncertainty: only the bound is stated.
 - The **budget** goes on to the limit of each axis: the material's own size, no speed, no softness, no step. Along an
   axis the field is F₀ + c xᵖ, c fitted face by face, p of first order with two points, of first or second with more.

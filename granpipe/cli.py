@@ -558,13 +558,16 @@ def repose(
 @click.option("--inputs", multiple=True, metavar="KEY=LOW..HIGH",
               help="Range of a property of the material or its contacts: uncertainty of inputs; may be repeated. "
               "Without --axis only this is run.")  # fmt: skip
+@click.option("--reference", type=_PATH, metavar="RESULTS",
+              help="Results of an earlier run of the same vessel and material, such as one with the material's own "
+              "particles: all errors count from it instead of from the finest point.")  # fmt: skip
 @click.option("--against", type=_PATH, help="Another case, whose run time is forecast at the measured speed.")
 @_ON
 @_CORES
 @_CLUSTER
 def study(
     case: Path, overrides: Mapping[str, str], results: Path, hours: float, axes: tuple[str, ...],
-    inputs: tuple[str, ...], against: Path | None, on: str, cores: int | None, cluster: Path,
+    inputs: tuple[str, ...], reference: Path | None, against: Path | None, on: str, cores: int | None, cluster: Path,
 ) -> None:  # fmt: skip
     """Measure error against run time for variants of CASE.
 
@@ -575,6 +578,7 @@ def study(
     from granpipe.study.axes import read_axes
     from granpipe.study.inputs import read_inputs
     from granpipe.study.points import make_study
+    from granpipe.study.reference import read_reference
     from granpipe.study.run import run_study
     from granpipe.system.cores import usable_cores
     from granpipe.system.rates import known_rates
@@ -584,10 +588,13 @@ def study(
     cores = cores or usable_cores()
     other = None if against is None else plan_case(_read(against), cores)
     asked = _read(case, overrides).case
+    earlier = None if reference is None else read_reference(reference, asked)
+    if earlier is not None:
+        _tell(f"{reference}: quality gate failed: {gate}" for gate in earlier.failed)
     made = make_study(asked, hours, cores, read_axes(axes), known_rates(), read_inputs(inputs, asked))
     _tell(made.left_out)
     with Console() as console:
-        found = run_study(made, results, other, cores, cluster if on == "slurm" else None, console)
+        found = run_study(made, results, other, cores, cluster if on == "slurm" else None, console, earlier)
     _tell(found.problems)
     click.echo(found.text)
     if not found.complete:

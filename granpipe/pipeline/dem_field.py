@@ -158,6 +158,10 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
             "inserted_to_settle": [bed.inserted for bed in settled],
             "short_insertions": [bed.short_insertions for bed in settled],
             "produce_wall_seconds": [sum(_last_of_each_run([one.wall_seconds for one in run])) for run in reports],
+            "processor_seconds": [
+                bed.processor_seconds + sum(_last_of_each_run([one.processor_seconds for one in run]))
+                for bed, run in zip(settled, reports, strict=True)
+            ],
             "averaging_seconds": [sum(_last_of_each_run([one.averaging_seconds for one in run])) for run in reports],
         },
         productions=tuple(productions),

@@ -9,14 +9,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from granpipe.analysis.regrid import on_grid
 from granpipe.case.schema import Case
 from granpipe.errors import DataError
-from granpipe.field import Array, Field, Grid, flux_from_psi
+from granpipe.field import Array, Field
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.coarsen import coarsened
 from granpipe.homogenize.statistics import BLOCKS, LEAST_BLOCKS, blocks, flux_errors
@@ -160,7 +159,7 @@ def field_of(plan: Plan, steady: Sequence[Sums], method: Method = PSI) -> Averag
     made = averaged_field(case, plan.outline, segments, diameter)
     if method.name == "psi":
         inside = plan.outline.inside_fraction(plan.grid)
-        return Average(refined(made.field, plan.grid, inside, method.joined), made.figures["effective_blocks"])
+        return Average(on_grid(made.field, plan.grid, inside), made.figures["effective_blocks"])
     if method.name == "raw":
         flux_r, flux_z = merge(segments).mean_flux
         return _with_errors(
@@ -205,42 +204,6 @@ def _blocks_made(
         except DataError:
             continue
     raise DataError("the blocks of this average are too short for this method")
-
-
-def refined(field: Field, grid: Grid, inside_fraction: Array, joined: int) -> Field:
-    """A ψ field of joined cells on the cells themselves: ψ linear in r² and z, in which a plug is exact."""
-    if joined == 1:
-        return field
-    from scipy.interpolate import RegularGridInterpolator
-
-    assert field.psi is not None
-    coarse = RegularGridInterpolator((field.grid.z_edges, field.grid.r_edges**2), field.psi)
-    psi = coarse(tuple(np.meshgrid(grid.z_edges, grid.r_edges**2, indexing="ij")))
-    flux_r, flux_z = flux_from_psi(psi, grid)
-    rows, columns = grid.shape
-    r_se, z_se = field.flux_r_se, field.flux_z_se
-    return replace(
-        field,
-        grid=grid,
-        inside_fraction=inside_fraction,
-        bulk=_repeated(field.bulk, joined, (rows, columns)),
-        packing_fraction=None,
-        raw_flux_r=None,
-        raw_flux_z=None,
-        raw_flux_r_se=None,
-        raw_flux_z_se=None,
-        psi=psi,
-        flux_r=flux_r,
-        flux_z=flux_z,
-        flux_r_se=None if r_se is None else _repeated(r_se, joined, (rows, columns + 1)),
-        flux_z_se=None if z_se is None else _repeated(z_se, joined, (rows + 1, columns)),
-    )
-
-
-def _repeated(values: NDArray[Any], times: int, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Each value for all the fine ones nearest to it."""
-    rows, columns = (np.arange(n) // times for n in shape)
-    return np.asarray(values[np.ix_(rows.clip(max=len(values) - 1), columns.clip(max=values.shape[1] - 1))])
 
 
 def methods_of(finished: FinishedRun) -> Iterator[Method]:

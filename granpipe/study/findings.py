@@ -16,6 +16,7 @@ import numpy as np
 from granpipe.analysis.compare import Cells, Difference, compare, error_squares
 from granpipe.case.reader import varied
 from granpipe.case.schema import Case
+from granpipe.dem.sizes import size_classes
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, cell_vectors, section_rows
 from granpipe.homogenize.statistics import LEAST_BLOCKS
@@ -29,6 +30,7 @@ from granpipe.study.budget import ErrorBound, Option, Size
 from granpipe.study.fields import PSI, FinishedRun, Method, field_of, methods_of
 from granpipe.study.inputs import INPUT, Input
 from granpipe.study.limit import Slope, fit_slope
+from granpipe.study.reference import EarlierRun
 from granpipe.study.scene import Scene
 from granpipe.study.uncertainty import Part, Uncertainty, input_part, numerical_part, statistical_part
 from granpipe.sweep.folder import Folder
@@ -57,6 +59,12 @@ _LABELS = {
     "time_step": "time step",
 }
 """Axis → what the table of uncertainty calls it."""
+
+REFERENCE = "reference"
+"""Name and axis of an earlier run that is the reference."""
+
+_NEAR = 1e-6
+"""Settings that differ by less, relative, are the same."""
 
 
 @dataclass(frozen=True)
@@ -148,6 +156,7 @@ class Findings:
     spread : name → difference of the measures between halves of the reference
     rate : particle-steps per second of one core
     uncertainty : section → that of the case itself; none where its field has no error bar
+    earlier : the earlier run that is the reference, where one was given
     """
 
     reference: str
@@ -159,6 +168,37 @@ class Findings:
     spread: Mapping[str, float]
     rate: float | None
     uncertainty: Mapping[str, Uncertainty]
+    earlier: ReferenceRun | None = None
+
+
+@dataclass(frozen=True)
+class ReferenceRun:
+    """The earlier run from which errors count.
+
+    Parameters
+    ----------
+    folder : of its results, as it was given
+    diameter : Sauter diameter of its particles [m]
+    own_size : whether these are the material's own
+    plate_speed : [m/s]; 0 where the outlet is open
+    youngs_modulus : [Pa]
+    time_step : [s]
+    cell : of its own grid [m]
+    statistical : section → standard error of its field
+    blocks : effective blocks that these rest on
+    failed : quality gates that it failed
+    """
+
+    folder: str
+    diameter: float
+    own_size: bool
+    plate_speed: float
+    youngs_modulus: float
+    time_step: float
+    cell: float
+    statistical: Mapping[str, float]
+    blocks: float
+    failed: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -213,20 +253,23 @@ def _finished_run(plan: Plan, store: Store, tools: Mapping[str, str]) -> Finishe
 
 
 class Comparison:
-    """Points that are done, compared."""
+    """Points that are done, compared with the best of them, or with an earlier run that is given."""
 
-    def __init__(self, case: Case, points: Sequence[StudyPoint]) -> None:
-        self.case = case
+    def __init__(self, case: Case, points: Sequence[StudyPoint], earlier: EarlierRun | None = None) -> None:
+        self.case, self.earlier = case, earlier
         self.points = [point for point in points if not point.axis.startswith(INPUT)]
         self.ends = [point for point in points if point.axis.startswith(INPUT)]
         self.levels = case.outline.levels
+        self.base = points[0]
+        self.reference = self._finest() if earlier is None else _reference_point(case, earlier, self.base.plan)
+
+    def _finest(self) -> StudyPoint:
         particles = [point for point in self.points if point.finished and point.field.flux_z_se is not None]
         if not particles:
             raise DataError(
                 "no DEM run of the study has an error bar: give more --hours, or average longer (dem.max_time)"
             )
-        self.reference = min(particles, key=_accuracy_order)
-        self.base = points[0]
+        return min(particles, key=_accuracy_order)
 
     def findings(self, progress: Progress) -> Findings:
         """Everything, computed."""
@@ -238,6 +281,9 @@ class Comparison:
             measures = dict(scene.measures(point.field).against(best)) if point is not self.reference else {}
             effects.append(self.effect(point, measures))
             options += self._options(point)
+        if self.earlier is not None:
+            effects.append(self.effect(self.reference, {}))
+            options += self._reference_option(self.earlier)
         rates = [p.plan.particle_steps / p.seconds for p in self.points if p.finished and p.cores == 1]
         return Findings(
             reference=self.reference.name,
@@ -249,6 +295,29 @@ class Comparison:
             spread=self._spread(scene),
             rate=float(np.median(rates)) if rates else None,
             uncertainty=self.uncertainty(effects[0]),
+            earlier=None if self.earlier is None else self._told(self.earlier),
+        )
+
+    def _told(self, earlier: EarlierRun) -> ReferenceRun:
+        dem = earlier.plan.dem
+        return ReferenceRun(
+            folder=str(earlier.folder),
+            diameter=dem.classes.sauter_diameter,
+            own_size=self._at_own_size,
+            plate_speed=dem.plate_speed,
+            youngs_modulus=dem.youngs_modulus,
+            time_step=dem.time_step,
+            cell=earlier.field.grid.cell,
+            statistical=self._statistical(self.reference),
+            blocks=earlier.blocks,
+            failed=earlier.failed,
+        )
+
+    @property
+    def _at_own_size(self) -> bool:
+        """Whether an earlier run with the material's own particles is the reference."""
+        return self.earlier is not None and bool(
+            np.isclose(self.reference.diameter, self._limit("coarse_grain_factor"), rtol=_NEAR, atol=0)
         )
 
     def uncertainty(self, base: Effect) -> dict[str, Uncertainty]:
@@ -268,6 +337,9 @@ class Comparison:
                 yield Part(label, "numerical", 0.0, "the material's own size")
             elif axis == "plate_speed" and self.base.plan.dem.open_outlet:
                 continue  # it flows as fast as it does in the process
+            elif axis == "coarse_grain_factor" and self._at_own_size and base.systematic[name].upper:
+                basis = "the reference has the material's own size; half the 95 % bound of the difference from it"
+                yield numerical_part(label, base.systematic[name], basis)
             elif part is None:
                 yield numerical_part(label, None, f"not determined: --axis {axis}")
             else:
@@ -345,10 +417,18 @@ class Comparison:
 
         There is none from itself, nor from more or less of the same runs, whose noise would not be independent.
         """
-        if _runs(base) == _runs(point):
+        if self._alike(base, point):
             return dict.fromkeys(self._sections, ErrorBound(0.0, 0.0))
         found = compare(base.field, field, self.levels, max(base.diameter, point.diameter))
         return {difference.name: _bound(difference) for difference in found}
+
+    def _alike(self, one: StudyPoint, other: StudyPoint) -> bool:
+        """Whether two points are of the same runs."""
+        earlier = [point for point in (one, other) if point.axis == REFERENCE]
+        if not earlier or one is other:
+            return _runs(one) == _runs(other)
+        assert self.earlier is not None
+        return self.earlier.is_of(next(point for point in (one, other) if point is not earlier[0]).plan)
 
     def systematic(self, field: Field, point: StudyPoint) -> ErrorBounds:
         """Difference of a field of a point from the limit, at most: from the reference, and from there to the limit.
@@ -378,6 +458,23 @@ class Comparison:
         for method in methods_of(point.finished) if point is self.base else [PSI]:
             if method == PSI or point is not self.reference:
                 yield from self._lengths(point, point.finished, method)
+
+    def _reference_option(self, earlier: EarlierRun) -> Iterator[Option]:
+        """The reference as a setting of its own, where its time is told; its systematic error is its distance."""
+        if earlier.seconds is None:
+            return
+        outline = earlier.plan.outline
+        yield Option(
+            point=self.reference.name,
+            method=str(PSI),
+            travel=earlier.travel * outline.inlet_area / outline.outlet_area / outline.outlet_width,
+            seconds=earlier.seconds,
+            cores=earlier.cores,
+            statistical=self._statistical(self.reference),
+            blocks=earlier.blocks,
+            systematic=self.distance,
+            changes=earlier.changes,
+        )
 
     def _lengths(self, point: StudyPoint, finished: FinishedRun, method: Method) -> Iterator[Option]:
         """A method on averages of every length; those that are too short for it are left out."""
@@ -410,7 +507,8 @@ class Comparison:
     def _spread(self, scene: Scene) -> dict[str, float]:
         """Differences of the measures between halves of the reference: their uncertainty."""
         finished = self.reference.finished
-        assert finished is not None
+        if finished is None:  # of an earlier run there is the field alone
+            return {}
         segments = finished.until(np.inf)
         half = len(segments) // 2
         halves = segments[:half], segments[half:]
@@ -440,14 +538,14 @@ class Comparison:
     @property
     def unknown(self) -> tuple[str, ...]:
         """Axes along which the reference is away from the limit, and no two points tell how far."""
-        setting = self.reference.setting
-        return tuple(axis for axis in setting if axis not in self.slopes and setting[axis] > self._limit(axis))
+        setting, slack = self.reference.setting, 1 + _NEAR
+        return tuple(axis for axis in setting if axis not in self.slopes and setting[axis] > slack * self._limit(axis))
 
     def _limit(self, axis: str) -> float:
         """The material's own size; no speed, no softness, no step."""
         if axis != "coarse_grain_factor":
             return 0.0
-        return self.base.diameter / self.case.dem.coarse_grain_factor
+        return size_classes(self.case.material.size).sauter_diameter
 
     def _contribution(self, slope: AxisSlope, point: StudyPoint) -> ErrorBounds:
         change = slope.change(point.setting[slope.fit.axis], slope.limit)
@@ -500,8 +598,24 @@ class AxisSlope:
         return cls(AxisFit(axis, len(points), slope.order, misfit), slope, unit, limit, weight)
 
     def change(self, setting: float, other: float) -> tuple[Array, Array]:
-        """Change of velocity (2, nz, nr) between two settings, and its variance (nz, nr)."""
+        """Change of velocity (2, nz, nr) between two settings, and its variance (nz, nr); none between equal ones."""
+        setting = other if np.isclose(setting, other, rtol=_NEAR, atol=0) else setting
         return self.slope.between(setting / self.unit, other / self.unit)
+
+
+def _reference_point(case: Case, earlier: EarlierRun, plan: Plan) -> StudyPoint:
+    """An earlier run as a point: its field on the cells of the study, at the flow rate of the case."""
+    return StudyPoint(
+        name=REFERENCE,
+        axis=REFERENCE,
+        changes={},
+        plan=earlier.plan,
+        field=earlier.at(case, plan.grid, plan.outline.inside_fraction(plan.grid)),
+        finished=None,
+        seconds=earlier.seconds or 0.0,
+        cores=earlier.cores,
+        forecast=None,
+    )
 
 
 def middles(field: Field) -> Array:

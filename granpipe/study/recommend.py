@@ -27,6 +27,7 @@ from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.study.budget import PLAIN, Option, advise, percent, sure_factor
 from granpipe.study.folder import study_name
+from granpipe.study.reference import scene
 from granpipe.study.report import FormerStudy, read_study
 
 SHIPPED = Path(__file__).parents[1] / "templates" / "studies"
@@ -152,11 +153,11 @@ def recommend(file: CaseFile, results: Path, tolerance: float) -> Recommendation
     if file.case.total_error is not None:
         raise CaseError("given in the case and as --total-error: leave one of them out", ("total_error",))
     own = results / study_name(file.case) / "study.json"
-    if own.is_file() and _scene(read_study(own).case) != _scene(file.case):
+    if own.is_file() and scene(read_study(own).case) != scene(file.case):
         message = f"{own.parent} is a study of another vessel or material; run granpipe study again, or move it away"
         raise CaseError(message, place="--total-error")
     for study in (own, *shipped()):
-        if study.is_file() and _scene((former := read_study(study)).case) == _scene(file.case):
+        if study.is_file() and scene((former := read_study(study)).case) == scene(file.case):
             best = _best(former.options, tolerance, study, lambda one: _allowed(file.case, former.case, one))
             where = f"of the study in {study.parent}" if study == own else f"of granpipe's study of {study.stem}"
             return _recommendation(file.case, former, where, tolerance, best, _settings(former.case, best[0]))
@@ -214,14 +215,6 @@ def _allowed(case: Case, studied: Case, option: Option) -> bool:
 
 def _plain(case: Case) -> dict[str, Any]:
     return case.model_dump(mode="json", exclude_none=True)
-
-
-def _scene(case: Case) -> dict[str, Any]:
-    """What flows, and where: all that no numerical setting changes, nor the flow rate, with which velocities scale."""
-    scene = {name: value for name, value in _plain(case).items() if name in ("outline", "material", "contact")}
-    del scene["contact"]["youngs_modulus"]
-    scene["material"].pop("bulk_density", None)  # the field does not depend on it
-    return scene
 
 
 def _settings(case: Case, option: Option) -> dict[str, str]:

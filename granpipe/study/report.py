@@ -23,7 +23,7 @@ from granpipe.planning.plan import Plan
 from granpipe.progress import duration_text
 from granpipe.study.budget import TOLERANCES, Advice, ErrorBound, Option, advise, pareto, percent, sure_factor
 from granpipe.study.chart import draw_curves, draw_effects, draw_options
-from granpipe.study.findings import AxisFit, Effect, Findings
+from granpipe.study.findings import AxisFit, Effect, Findings, ReferenceRun
 from granpipe.study.fluid import Solve
 from granpipe.study.uncertainty import COVERAGE, Part
 from granpipe.sweep.folder import Folder
@@ -136,11 +136,25 @@ def study_intro(found: Findings) -> list[str]:
     return [
         *([] if found.effects else [alone]),
         f"Made on {datetime.now().astimezone():%Y-%m-%d} by granpipe {__version__} on {machine()}.",
+        *([] if found.earlier is None else _earlier_text(found.earlier)),
         f"Reference: {found.reference}. Errors are E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells, A the area of "
         "each ring. Statistical: the standard error of the average. Systematic: the difference from the reference "
         "with the noise of both taken off, and its 95 % bound. Unresolved: smaller than its own uncertainty.",
         *([_distance_text(found)] if found.distance else []),
     ]
+
+
+def _earlier_text(run: ReferenceRun) -> list[str]:
+    """The earlier run from which errors count, and what is wrong with it."""
+    size = "the material's own size" if run.own_size else "enlarged"
+    plate = f", plate {run.plate_speed:.3g} m/s" if run.plate_speed > 0 else ""
+    sections = ", ".join(f"{name} {percent(value)}" for name, value in run.statistical.items())
+    told = (
+        f"The reference is an earlier run, {run.folder}: particles of {1000 * run.diameter:.3g} mm ({size}){plate}, E "
+        f"{run.youngs_modulus:.3g} Pa, time step {run.time_step:.3g} s, cells of {1000 * run.cell:.3g} mm. Its own "
+        f"statistical error, which is in every bound: {sections} ({run.blocks:.0f} effective blocks)."
+    )
+    return [told, *(f"The reference failed a quality gate: {gate}." for gate in run.failed)]
 
 
 def _distance_text(found: Findings) -> str:
@@ -352,7 +366,8 @@ def _effects(found: Findings) -> list[tuple[str, float, ErrorBound]]:
     """Name, time over that of the case, and difference from the case: every point, and shorter averages of the case."""
     base, *others = found.effects
     cost = base.seconds * base.cores
-    effects = [(effect.point, effect.seconds * effect.cores / cost, effect.from_base["whole"]) for effect in others]
+    timed = [effect for effect in others if effect.seconds > 0]  # an earlier run may not tell its time
+    effects = [(effect.point, effect.seconds * effect.cores / cost, effect.from_base["whole"]) for effect in timed]
     for option in sorted(_by_method(found).get("psi", []), key=lambda option: -option.travel)[1:]:
         noise = math.sqrt(max(0.0, option.statistical["whole"] ** 2 - base.statistical["whole"] ** 2))
         name = f"average over {option.travel:.2g} outlet diameters"

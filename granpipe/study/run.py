@@ -12,6 +12,7 @@ from granpipe.progress import Progress
 from granpipe.study.findings import Comparison, load_points
 from granpipe.study.fluid import fluid_findings, fluid_refinement
 from granpipe.study.points import Study
+from granpipe.study.reference import EarlierRun, check_cells
 from granpipe.study.report import write_study
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.points import plan_points
@@ -36,7 +37,13 @@ class StudyRun:
 
 
 def run_study(
-    study: Study, results: Path, other: Plan | None, cores: int, cluster: Path | None, progress: Progress
+    study: Study,
+    results: Path,
+    other: Plan | None,
+    cores: int,
+    cluster: Path | None,
+    progress: Progress,
+    earlier: EarlierRun | None = None,
 ) -> StudyRun:
     """Run the points that are missing, then compare and report; on a cluster, submit them.
 
@@ -46,17 +53,20 @@ def run_study(
     other : another case, whose run time is forecast
     cores : to keep busy here
     cluster : what each job requests from the cluster; None: run here
+    earlier : the run that is the reference; None: the finest point
 
     Raises
     ------
-    CaseError : a point cannot be run
+    CaseError : a point cannot be run, or the reference has larger cells
     RunError : the case itself is not done: there is nothing to compare
     DataError, MeshError, SolveError : the comparison failed
     """
+    if earlier is not None:
+        check_cells(earlier, float(study.case.homogenize.cell))
     folder, points = plan_points(study.sweep(), results)
     if not run_missing(folder, points, cores, cluster if points else None, progress):
         return StudyRun(f"follow it with: granpipe sweep status {folder.root}; then run this command again")
-    files, missing = report_study(folder, other, progress)
+    files, missing = report_study(folder, other, progress, earlier)
     problems = [f"{one.name}: {one.text or one.state}" for one in missing]
     if names := marked(folder):
         where = f"granpipe sweep status {folder.root}"
@@ -64,7 +74,9 @@ def run_study(
     return StudyRun("\n".join(f"wrote {file}" for file in files), tuple(problems), not missing)
 
 
-def report_study(folder: Folder, other: Plan | None, progress: Progress) -> tuple[list[Path], list[PointStatus]]:
+def report_study(
+    folder: Folder, other: Plan | None, progress: Progress, earlier: EarlierRun | None = None
+) -> tuple[list[Path], list[PointStatus]]:
     """Compare what is done and write the report; returns its files and the points that are not done.
 
     Raises
@@ -81,7 +93,7 @@ def report_study(folder: Folder, other: Plan | None, progress: Progress) -> tupl
     progress.stage("finite elements")
     solves = fluid_refinement(case, points[0].plan.grid)
     progress.stage("comparison")
-    particles = any(point.finished for point in points)
-    found = Comparison(case, points).findings(progress) if particles else fluid_findings(solves)
+    compared = earlier is not None or any(point.finished for point in points)
+    found = Comparison(case, points, earlier).findings(progress) if compared else fluid_findings(solves)
     progress.stage("report")
     return write_study(folder, case, found, solves, other, missing), missing

@@ -11,9 +11,8 @@ from fakes.records import SETTLED, segment
 from fakes.sums import NOTHING
 
 from granpipe.case.reader import load_case
-from granpipe.field import Field, Grid, divergence, flux_from_psi
 from granpipe.planning.plan import make_plan
-from granpipe.study.fields import FinishedRun, refined
+from granpipe.study.fields import FinishedRun
 
 
 @dataclass
@@ -89,33 +88,3 @@ def test_a_study_tells_solids_of_rigid_particles_as_a_run_does(tiny: Path) -> No
     assert len(told) == 4
     for sums in told:
         np.testing.assert_allclose(sums.flow_z, -2 * 0.97**3)
-
-
-def cone() -> tuple[Field, Grid]:
-    """ψ of a flow that narrows, on cells twice as large as those asked for."""
-    fine = Grid.covering(0.5, 0.0, 1.0, 0.025)
-    coarse = Grid(fine.r_edges[::2], fine.z_edges[::2])
-    psi = -0.1 * coarse.r_edges**2 * (1 + coarse.z_edges[:, None])
-    flux_r, flux_z = flux_from_psi(psi, coarse)
-    ones = np.ones(coarse.shape)
-    errors = np.full_like(flux_r, 0.1), np.full_like(flux_z, 0.2)
-    field = Field(
-        coarse, ones, ones > 0, flux_r, flux_z, 1.0, 1.0, 1.0, psi=psi, flux_r_se=errors[0], flux_z_se=errors[1]
-    )
-    return field, fine
-
-
-def test_a_field_of_large_cells_conserves_on_small_ones() -> None:
-    field, fine = cone()
-    made = refined(field, fine, np.ones(fine.shape), 2)
-    assert made.grid.shape == fine.shape
-    assert np.abs(divergence(made.flux_r, made.flux_z, fine)).max() < 1e-12
-    assert np.allclose(made.flux_z, -0.2 * (1 + fine.z_edges[:, None]))  # linear in r² and z: nothing is lost
-    assert made.flux_r_se is not None
-    assert made.flux_r_se.shape == made.flux_r.shape
-    assert np.all(made.flux_r_se == 0.1)
-
-
-def test_cells_as_they_are_stay_as_they_are() -> None:
-    field, fine = cone()
-    assert refined(field, fine, np.ones(fine.shape), 1) is field
