@@ -88,7 +88,8 @@ class Dem(Group):
         "`auto`: 8 times the particles' d90. Flow rates and fields are those of `outline.depth` all the same.",
     )
     ranks: Annotated[int | Literal["auto"], Whole(1, 4096, auto=True)] = Field(
-        default="auto", description="MPI processes; `auto` uses the free cores as far as it helps."
+        default="auto",
+        description="MPI processes; `auto` uses the cores that are free when the run begins, as far as it helps.",
     )
     keep_snapshots: Annotated[Snapshots, OneOf(Snapshots)] = Field(
         default="none", description="Which snapshots to keep; they are averaged while LIGGGHTS runs."

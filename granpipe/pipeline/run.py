@@ -24,7 +24,7 @@ from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Model, Plan, make_plan
 from granpipe.planning.space import sums_memory
 from granpipe.progress import Progress, duration_text
-from granpipe.system.cores import usable_cores
+from granpipe.system.cores import free_cores, usable_cores
 from granpipe.system.files import digest
 from granpipe.system.locks import Owner, locked
 from granpipe.system.publish import lock_file
@@ -117,6 +117,7 @@ def _run(
         return Outcome(folder, failed, made=False)
     for warning in plan.warnings:
         context.progress.note(f"note: {warning}")
+    plan = _beside_others(file, plan, context)
     seconds = forecast(plan, known_rates())
     if plan.runs:
         context.progress.note(
@@ -193,6 +194,20 @@ def _hybrid(plan: Plan, context: Context) -> ModelResult:
     from granpipe.pipeline.hybrid_field import hybrid_field
 
     return hybrid_field(plan, context)
+
+
+def _beside_others(file: CaseFile, plan: Plan, context: Context) -> Plan:
+    """The plan with fewer ranks where other programs keep cores busy: ranks wait for the one that runs the least."""
+    ranks = max((run.dem.ranks for run in plan.runs), default=1)
+    if file.case.dem.ranks != "auto" or ranks == 1 or (free := free_cores()) >= context.cores:
+        return plan
+    made = plan_case(file, free)
+    if (fewer := max(run.dem.ranks for run in made.runs)) < ranks:
+        context.progress.note(
+            f"note: other programs keep {context.cores - free} of {context.cores} cores busy: {fewer} "
+            f"rank{'s' if fewer > 1 else ''} in place of {ranks}, which would wait for each other; dem.ranks decides it"
+        )
+    return made
 
 
 def _require_cores(plan: Plan, cores: int) -> None:
