@@ -1,0 +1,447 @@
+"""The test reactor with the material's own particles, against which everything else is measured.
+
+`pack` makes benchmarks/references/reactor_limit/ of the results of such a run: a results folder with what `granpipe
+study --reference` and `page` read, and no more. `page` compares with it: results that are given (other seeds, enlarged
+particles, walls set back, hybrids), the stored field of benchmarks/references/friction/reactor.npz, both fluids, the
+hybrid that follows the stored field, and combinations of them; it writes docs/validation/reactor_limit.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from friction_fluid import _enlarge, load, viscous
+from scipy import ndimage
+from set_back import told
+
+from granpipe.analysis.compare import Difference, compare
+from granpipe.analysis.regrid import on_grid
+from granpipe.case.reader import load_case, resolve
+from granpipe.case.schema import Case
+from granpipe.case.yamlfile import Places
+from granpipe.dem.sizes import size_classes
+from granpipe.errors import GranpipeError
+from granpipe.field import Array, Field, Grid, flux_from_psi, section_rows
+from granpipe.pipeline.averages import statistical_errors
+from granpipe.pipeline.context import Context
+from granpipe.pipeline.field_vessel import check_case
+from granpipe.pipeline.frictional_field import solve_plan
+from granpipe.pipeline.hybrid_field import hybrid_field
+from granpipe.planning.bulk_friction import bulk_friction
+from granpipe.planning.flow import target_flow
+from granpipe.planning.plan import Plan, make_plan
+from granpipe.progress import Silent, duration_text
+from granpipe.study.reference import FILES, EarlierRun, read_run, scene_differences
+from granpipe.system.jsonfile import read_json
+from granpipe.system.manifest import verify
+from granpipe.system.publish import renewing
+from granpipe.system.store import Store
+
+HERE = Path(__file__).resolve().parent
+LIMIT = HERE / "references" / "reactor_limit"
+STORED = HERE / "references" / "friction"
+DENSITY = "559 kg/m^3"  # of the bulk, as DEM measures it in the plug; fluids need one
+SMOOTHED = 1.0  # diameters: standard deviation of the Gaussian through which a correction is seen
+PLACES = 24, 10, 10, 12  # binary places that are kept of ψ and fluxes, shares, errors, packing
+
+HEAD = """\
+# The test reactor with its own particles
+
+{made}
+
+`cases/reactor.yaml` enlarges the material's particles, 3 ± 1 cm in radius, twice. Here everything is measured against
+a run with the material's own (`dem.coarse_grain_factor` 1). It is kept in `benchmarks/references/reactor_limit/`, a
+results folder with the field and its settings alone; `granpipe study cases/reactor.yaml --reference
+benchmarks/references/reactor_limit` counts the errors of a study from it, and `make study-reactor` does.
+
+```text
+granpipe run cases/reactor.yaml --set dem.coarse_grain_factor=1 --set name=reactor_limit
+python benchmarks/reactor_limit.py pack results/reactor_limit
+python benchmarks/reactor_limit.py page RESULTS …
+```
+
+Errors are E = √(Σ A |δU|² / Σ A |U|²) of the bulk velocity over the cells that both call bulk, over the whole and by
+section. Fields on other cells are compared on the larger of both, by their stream functions, which changes a smeared
+flow by 0.5 to 0.9 %. *Beyond noise*: with the noise of both taken off, ± its standard error, or “<” its 95 % bound
+where noise explains it. The limit has an error of its own: its noise, which is taken off, and its plate, softness and
+step, which are not.
+"""
+
+FOUND = """\
+Fluids go by the contact parameters alone (bulk density {density}); *fluid, 6 cm* is one that takes the particles for
+as large as those of the run that it is combined with. The stored field has its noise by section, not by cell.
+Combinations: *extrapolated* is U₁ + (U₁ − U₂) (d₁ − d) / (d₂ − d₁) from two runs with particles of d₁ < d₂, d the
+material's, its correction seen through a Gaussian of {smoothed:g} d₁, whose own noise counts as error; *half and half*
+is the mean of a run and the frictional fluid at the material's size; *size by the fluid* is the run, plus the fluid at
+the material's size, less the fluid at the run's. Processor time is that of LIGGGHTS, filling included, or of the
+solver; “≤” wall time times ranks, where the results tell no more.
+"""
+
+NOT_YET = """\
+Not measured yet: the run with the material's own particles, about 90 000 of them, takes some two hours of two cores.
+"""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A field to compare with the limit.
+
+    Parameters
+    ----------
+    field : on its own cells
+    diameter : of the particles that it is of [m]; 0 for a fluid
+    size : mean radius of these, as text
+    statistical : section → error that the run told; empty where there is none
+    seconds : processor time as text
+    """
+
+    name: str
+    field: Field
+    diameter: float
+    size: str = ""
+    statistical: Mapping[str, float] = field(default_factory=dict)
+    seconds: str = ""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=["pack", "page"])
+    parser.add_argument("results", type=Path, nargs="*", help="pack: that of the limit; page: what to compare as well")
+    parser.add_argument("--limit", type=Path, default=LIMIT, help="results folder of the limit, packed or not")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation" / "reactor_limit.md")
+    options = parser.parse_args()
+    if options.what == "pack":
+        if len(options.results) != 1:
+            parser.error("pack takes one results folder")
+        pack(options.results[0], options.limit)
+    else:
+        options.out.write_text(page(options.limit, options.results))
+        print(options.out.read_text())
+
+
+# ── the limit as a small results folder ──────────────────────────────────────
+
+
+def pack(folder: Path, target: Path) -> None:
+    """The results folder of a run with what a reference needs alone, its field to the digits that mean something."""
+    run = read_run(folder)
+    with renewing(target, print) as aside:
+        lean(run.field).save(aside / "field.npz")
+        for name in FILES[1:]:
+            shutil.copyfile(folder / name, aside / name)
+    size = sum(file.stat().st_size for file in target.iterdir())
+    print(f"{target}: {size / 1e3:.0f} kB")
+    for gate in run.failed:
+        print(f"quality gate failed: {gate}")
+
+
+def lean(one: Field) -> Field:
+    """Without plain averages and what else was asked for; ψ as in single precision, errors to three digits."""
+    assert one.psi is not None
+    smooth, shares, errors, packing = PLACES
+    psi = rounded(one.psi, smooth)
+    flux_r, flux_z = (rounded(flux, smooth) for flux in flux_from_psi(psi, one.grid))
+    return replace(
+        one,
+        inside_fraction=rounded(one.inside_fraction, shares),
+        psi=psi,
+        flux_r=flux_r,
+        flux_z=flux_z,
+        packing_fraction=None if one.packing_fraction is None else rounded(one.packing_fraction, packing),
+        flux_r_se=None if one.flux_r_se is None else rounded(one.flux_r_se, errors),
+        flux_z_se=None if one.flux_z_se is None else rounded(one.flux_z_se, errors),
+        raw_flux_r=None,
+        raw_flux_z=None,
+        raw_flux_r_se=None,
+        raw_flux_z_se=None,
+        extra={},
+    )
+
+
+def rounded(values: Array, places: int) -> Array:
+    """To so many binary places of each value, so that it packs well."""
+    part, power = np.frexp(values)
+    return np.asarray(np.ldexp(np.round(part * 2.0**places), power - places))
+
+
+# ── what is compared ─────────────────────────────────────────────────────────
+
+
+def page(limit_folder: Path, folders: Sequence[Path]) -> str:
+    if not limit_folder.exists():
+        return HEAD.format(made=NOT_YET.rstrip())
+    limit = read_run(limit_folder)
+    made = f"Made by `benchmarks/reactor_limit.py page` on {datetime.now(UTC):%Y-%m-%d}."
+    with tempfile.TemporaryDirectory() as scratch:
+        entries = [*(result(folder, limit) for folder in folders), stored(limit)]
+        models = list(fluids(limit, Path(scratch)))
+    rows = [*entries, *models, *combined(limit, entries)]
+    return "\n".join([HEAD.format(made=made), *tables(limit, rows), FOUND.format(density=DENSITY, smoothed=SMOOTHED)])
+
+
+def result(folder: Path, limit: EarlierRun) -> Entry:
+    """A results folder of the same scene, of any model."""
+    verify(folder, *FILES)
+    case, own = load_case(folder / "case.yaml"), Field.load(folder / "field.npz")
+    check_case(own, case, folder / "field.npz")
+    if apart := list(scene_differences(limit.plan.case, case)):
+        raise SystemExit(f"{folder}: another scene: {'; '.join(apart)}")
+    planned, record = read_json(folder / "plan.json"), read_json(folder / "provenance.json")
+    particles = case.model != "fluid" and ("dem" in planned or planned["submodels"])
+    ranks = planned.get("dem", {}).get("ranks", 1)
+    chains = record["figures"].get("processor_seconds")
+    diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor if particles else 0.0
+    return Entry(
+        name=folder.name,
+        field=unit(own, limit.plan.case),
+        diameter=diameter,
+        size=radius_text(limit, diameter),
+        statistical=record["figures"].get("statistical_error", {}),
+        seconds=duration_text(sum(chains)) if chains else f"≤ {duration_text(record['wall_seconds'] * ranks)}",
+    )
+
+
+def stored(limit: EarlierRun) -> Entry:
+    """The field of 6 cm particles that the fluids were measured against."""
+    kept = load(STORED, "reactor")
+    own = with_noise(unit(kept.field, limit.plan.case), kept.noise, limit.plan.case.outline.levels)
+    diameter = kept.plan.dem.classes.sauter_diameter if kept.plan.settings else sauter(kept.plan.case)
+    return Entry("stored", own, diameter, radius_text(limit, diameter), kept.noise)
+
+
+def with_noise(one: Field, noise: Mapping[str, float], levels: Mapping[str, tuple[float, float]]) -> Field:
+    """A field with an error in z that is alike all over a section, so that each section has its noise."""
+    none = np.zeros_like(one.flux_z)
+    bare = replace(one, flux_r_se=np.zeros_like(one.flux_r), flux_z_se=none + 1.0)
+    per_unit, rows = statistical_errors(bare, levels), section_rows(one.grid, levels)
+    of_row = np.full(one.grid.shape[0], noise["whole"] / per_unit["whole"])
+    for name in levels:
+        of_row[rows[name]] = noise[name] / per_unit[name]
+    at_levels = np.sqrt(0.5 * (np.append(of_row, of_row[-1]) ** 2 + np.append(of_row[0], of_row) ** 2))
+    return replace(bare, flux_z_se=none + at_levels[:, None])
+
+
+def fluids(limit: EarlierRun, scratch: Path) -> Iterator[Entry]:
+    """Both fluids at the material's size, and the hybrid of the frictional one with the stored field."""
+    for name, make in (
+        ("frictional fluid", lambda: frictional(limit, 1.0)),
+        ("viscous fluid", lambda: viscous(fluid_plan(limit, 1.0, "viscous"))),
+        ("hybrid of the stored field and the frictional fluid", lambda: hybrid(limit, scratch)),
+    ):
+        begun = time.process_time()
+        try:
+            made = make()
+        except GranpipeError as error:
+            print(f"{name}: {error}")
+            continue
+        yield Entry(name, unit(made, limit.plan.case), 0.0, seconds=duration_text(time.process_time() - begun))
+
+
+def frictional(limit: EarlierRun, factor: float) -> Field:
+    """The frictional fluid for particles enlarged by a factor, on the cells of the limit."""
+    plan = fluid_plan(limit, factor, "frictional")
+    packing = plan.case.material.packing
+    assert packing is not None
+    return solve_plan(plan, bulk_friction(plan.case), packing).field
+
+
+def fluid_plan(limit: EarlierRun, factor: float, rheology: str) -> Plan:
+    return replace(make_plan(fluid_case(limit, factor, rheology, "fluid", {})), grid=limit.field.grid)
+
+
+def fluid_case(limit: EarlierRun, factor: float, rheology: str, model: str, more: Mapping[str, str]) -> Case:
+    given: dict[str, Any] = limit.plan.case.model_dump(mode="json", exclude_unset=True)
+    _enlarge(given["material"]["size"], factor)
+    given["dem"].pop("coarse_grain_factor", None)
+    given["dem"].pop("statistical_error", None)
+    given["material"].pop("bulk_density", None)
+    changes = {"model": model, "fluid.rheology": rheology, "material.bulk_density": DENSITY, "export": "[]"}
+    return resolve(given, Places("reactor"), changes | {"figures": "[]", "homogenize.fields": "[]"} | dict(more)).case
+
+
+def hybrid(limit: EarlierRun, scratch: Path) -> Field:
+    """The hybrid that follows the stored field where it needs particles, the frictional fluid elsewhere."""
+    kept = load(STORED, "reactor").field
+    kept.save(scratch / "stored.npz")
+    known = {"fluid.known_field": str(scratch / "stored.npz"), "homogenize.cell": repr(float(kept.grid.cell))}
+    plan = make_plan(fluid_case(limit, 1.0, "frictional", "hybrid", known))
+    return hybrid_field(plan, Context(Store(scratch / "store"), {}, Silent(), 1)).field
+
+
+def combined(limit: EarlierRun, entries: Sequence[Entry]) -> Iterator[Entry]:
+    """Combinations of each run with the fluid, and of each pair of runs with particles of different sizes."""
+    own_size = sauter(limit.plan.case)
+    runs = [one for one in entries if one.diameter > 1.001 * own_size and one.field.psi is not None]
+    fluid = unit(frictional(limit, 1.0), limit.plan.case)
+    enlarged: dict[str, Field | None] = {}
+    for one in runs:
+        yield Entry(f"half and half: {one.name}", mixed([(0.5, one.field), (0.5, fluid)]), one.diameter, one.size)
+        if one.size not in enlarged:
+            enlarged[one.size] = fluid_of(limit, one)
+            if (own := enlarged[one.size]) is not None:
+                yield Entry(f"frictional fluid, {one.size}", own, 0.0, one.size)
+        if (own := enlarged[one.size]) is not None:
+            moved = mixed([(1.0, one.field), (1.0, fluid), (-1.0, own)])
+            yield Entry(f"size by the fluid: {one.name}", moved, one.diameter, one.size)
+    for one, other in combinations(sorted(runs, key=lambda run: run.diameter), 2):
+        if other.diameter > 1.05 * one.diameter:
+            yield Entry(
+                f"extrapolated: {one.name}, {other.name}",
+                extrapolated(one, other, own_size),
+                one.diameter,
+                one.size,
+            )
+
+
+def fluid_of(limit: EarlierRun, one: Entry) -> Field | None:
+    """The frictional fluid for particles as large as those of a run; None where it takes no such particles."""
+    try:
+        return unit(frictional(limit, one.diameter / sauter(limit.plan.case)), limit.plan.case)
+    except GranpipeError as error:
+        print(f"frictional fluid, {one.size}: {error}")
+        return None
+
+
+def extrapolated(one: Entry, other: Entry, limit: float) -> Field:
+    """Linear in the diameter, from two fields to the limit's; the correction of ψ seen through a Gaussian."""
+    part = (one.diameter - limit) / (other.diameter - one.diameter)
+    grid = larger(one.field.grid, other.field.grid)
+    near, far = (on_cells(entry.field, grid) for entry in (one, other))
+    assert near.psi is not None
+    assert far.psi is not None
+    correction = part * (near.psi - far.psi)
+    correction = ndimage.gaussian_filter(correction, SMOOTHED * one.diameter / grid.cell, mode="nearest")
+    correction *= (near.psi != 0) & (near.psi != near.psi.min())  # no flow through the axis and the walls
+    psi = near.psi + correction
+    flux_r, flux_z = flux_from_psi(psi, grid)
+    return replace(near, bulk=near.bulk & far.bulk, psi=psi, flux_r=flux_r, flux_z=flux_z)
+
+
+def mixed(parts: Sequence[tuple[float, Field]]) -> Field:
+    """A weighted sum of fields at one flow rate, on the largest of their cells; their noise is independent."""
+    grid = parts[0][1].grid
+    for _, one in parts[1:]:
+        grid = larger(grid, one.grid)
+    placed = [(weight, on_cells(one, grid)) for weight, one in parts]
+
+    def summed(of: Callable[[Field], Array | None]) -> Array:
+        return np.asarray(sum(weight * known for weight, one in placed if (known := of(one)) is not None))
+
+    def noise(of: Callable[[Field], Array | None], like: Array) -> Array:
+        squares = sum(weight**2 * known**2 for weight, one in placed if (known := of(one)) is not None)
+        return np.asarray(np.sqrt(squares + np.zeros_like(like)))
+
+    first = placed[0][1]
+    return replace(
+        first,
+        bulk=np.logical_and.reduce([one.bulk for _, one in placed]),
+        psi=summed(lambda one: one.psi),
+        flux_r=summed(lambda one: one.flux_r),
+        flux_z=summed(lambda one: one.flux_z),
+        flux_r_se=noise(lambda one: one.flux_r_se, first.flux_r),
+        flux_z_se=noise(lambda one: one.flux_z_se, first.flux_z),
+    )
+
+
+def unit(one: Field, case: Case) -> Field:
+    """The field as bulk velocities at the flow rate of a case."""
+    flow = target_flow(case, one.bulk_packing)
+    scale = flow / one.bulk_flow / one.bulk_packing
+
+    def scaled(values: Array | None) -> Array | None:
+        return None if values is None else scale * values
+
+    return replace(
+        one,
+        bulk_flow=flow,
+        bulk_packing=1.0,
+        flow_scale=1.0,
+        psi=scaled(one.psi),
+        flux_r=scale * one.flux_r,
+        flux_z=scale * one.flux_z,
+        flux_r_se=scaled(one.flux_r_se),
+        flux_z_se=scaled(one.flux_z_se),
+    )
+
+
+def larger(one: Grid, other: Grid) -> Grid:
+    return one if one.cell >= other.cell else other
+
+
+def on_cells(one: Field, grid: Grid) -> Field:
+    """A field on other cells, which hold of the vessel what its own held."""
+    if one.grid.shape == grid.shape:
+        return one
+    blank = on_grid(one, grid, np.ones(grid.shape))
+    return replace(blank, inside_fraction=blank.bulk.astype(float))
+
+
+def sauter(case: Case) -> float:
+    return size_classes(case.material.size).sauter_diameter
+
+
+def radius_text(limit: EarlierRun, diameter: float) -> str:
+    """Mean radius of particles that are as much larger than the material's as their diameter."""
+    return f"{300 * diameter / sauter(limit.plan.case) / 100:.2g} cm" if diameter else ""
+
+
+# ── the tables ───────────────────────────────────────────────────────────────
+
+
+def differences(limit: EarlierRun, one: Entry) -> dict[str, Difference]:
+    case = limit.plan.case
+    truth = unit(limit.field, case)
+    grid = larger(truth.grid, one.field.grid)
+    diameter = max(one.diameter, limit.plan.dem.classes.sauter_diameter)
+    found = compare(on_cells(truth, grid), on_cells(one.field, grid), case.outline.levels, diameter)
+    return {difference.name: difference for difference in found}
+
+
+def tables(limit: EarlierRun, rows: Sequence[Entry]) -> Iterator[str]:
+    dem, levels = limit.plan.dem, limit.plan.case.outline.levels
+    sections = ["whole", *levels]
+    noise = ", ".join(f"{name} {100 * v:.1f}" for name, v in statistical_errors(limit.field, levels).items())
+    took = "" if limit.seconds is None else f"; {duration_text(limit.seconds * limit.cores)} of one core"
+    yield (
+        f"**The limit**: particles of {1000 * dem.classes.sauter_diameter:.0f} mm (Sauter diameter), plate "
+        f"{dem.plate_speed:.3g} m/s, E {dem.youngs_modulus:.2g} Pa, step {dem.time_step:.2g} s, cells of "
+        f"{1000 * limit.field.grid.cell:.1f} mm; {limit.travel:.2f} m of plate travel averaged{took}. Its own "
+        f"statistical error, %: {noise} ({limit.blocks:.0f} effective blocks).\n"
+    )
+    for gate in limit.failed:
+        yield f"It failed a quality gate: {gate}.\n"
+    found = [(one, differences(limit, one)) for one in rows]
+    columns = " | ".join(sections)
+    yield f"## Beyond noise, %\n\n| | mean radius | {columns} | told by the run, whole | processor time |"
+    yield "|---" * (len(sections) + 4) + "|"
+    for one, of in found:
+        own = f"{100 * one.statistical['whole']:.1f}" if one.statistical else ""
+        cells = " | ".join(told(of[name]) for name in sections)
+        yield f"| {one.name} | {one.size} | {cells} | {own} | {one.seconds} |"
+    yield f"\n## As it stands (noise of both), %\n\n| | {columns} |\n{'|---' * (len(sections) + 1)}|"
+    for one, of in found:
+        cells = " | ".join(f"{100 * of[name].observed:.1f} ({100 * of[name].noise:.1f})" for name in sections)
+        yield f"| {one.name} | {cells} |"
+    yield f"\n## 95 % bound, %\n\n| | {columns} |\n{'|---' * (len(sections) + 1)}|"
+    for one, of in found:
+        yield f"| {one.name} | {' | '.join(f'{100 * of[name].upper:.1f}' for name in sections)} |"
+    yield ""
+    yield "## Statistical error that each run told, %\n"
+    for one in rows:
+        if one.statistical:
+            yield f"- {one.name}: " + ", ".join(f"{name} {100 * v:.1f}" for name, v in one.statistical.items())
+    yield ""
+
+
+if __name__ == "__main__":
+    main()
