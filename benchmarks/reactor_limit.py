@@ -103,6 +103,7 @@ class Entry:
     size : mean radius of these, as text
     statistical : section → error that the run told; empty where there is none
     seconds : processor time as text
+    drawn : whether it is that of a DEM run between walls as drawn, from which one may go on to another size
     """
 
     name: str
@@ -111,6 +112,7 @@ class Entry:
     size: str = ""
     statistical: Mapping[str, float] = field(default_factory=dict)
     seconds: str = ""
+    drawn: bool = False
 
 
 def main() -> None:
@@ -208,6 +210,7 @@ def result(folder: Path, limit: EarlierRun) -> Entry:
         size=radius_text(limit, diameter),
         statistical=record["figures"].get("statistical_error", {}),
         seconds=duration_text(sum(chains)) if chains else f"≤ {duration_text(record['wall_seconds'] * ranks)}",
+        drawn=planned["model"] == "dem" and case.dem.walls == "as_drawn",
     )
 
 
@@ -216,7 +219,7 @@ def stored(limit: EarlierRun) -> Entry:
     kept = load(STORED, "reactor")
     own = with_noise(unit(kept.field, limit.plan.case), kept.noise, limit.plan.case.outline.levels)
     diameter = kept.plan.dem.classes.sauter_diameter if kept.plan.settings else sauter(kept.plan.case)
-    return Entry("stored", own, diameter, radius_text(limit, diameter), kept.noise)
+    return Entry("stored", own, diameter, radius_text(limit, diameter), kept.noise, drawn=True)
 
 
 def with_noise(one: Field, noise: Mapping[str, float], levels: Mapping[str, tuple[float, float]]) -> Field:
@@ -293,7 +296,7 @@ def combined(limit: EarlierRun, entries: Sequence[Entry]) -> Iterator[Entry]:
         if (own := enlarged[one.size]) is not None:
             moved = mixed([(1.0, one.field), (1.0, fluid), (-1.0, own)])
             yield Entry(f"size by the fluid: {one.name}", moved, one.diameter, one.size)
-    for one, other in combinations(sorted(runs, key=lambda run: run.diameter), 2):
+    for one, other in combinations(sorted((run for run in runs if run.drawn), key=lambda run: run.diameter), 2):
         if other.diameter > 1.05 * one.diameter:
             yield Entry(
                 f"extrapolated: {one.name}, {other.name}",

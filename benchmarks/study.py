@@ -28,9 +28,11 @@ with other axes replaces them, but keeps what was run. `granpipe sweep status re
 own status is 0 all the same. A scene without particles has only its finite elements to compare: their error is not that
 of the fluid as a model.
 
-`granpipe run CASE --total-error 5%` uses the cheapest settings that the study rates within 5 %, and
-ends when noise and systematic error together make 5 %; it states the expected error and, after the run, the measured
-one. Without a study of the case, a study that comes with
+`granpipe run CASE --total-error 5%` uses the cheapest settings that the study rates within 5 %, and ends when noise and
+systematic error together make 5 %: the noise of every section may be √(5 %² − systematic²), of a proven setting with
+the 95 % bounds of both, on at least 20 effective blocks. It states the expected error and, after the run, the measured
+one with its bound. The average begins as the study's did: where the data show, or where the case said, for then what
+was left of the transient is in the errors that the study measured. Without a study of the case, a study that comes with
 granpipe is used if it is of the same vessel and material. For any other case its settings are taken over as a guess:
 the same narrowest opening over d90, and plate speed over the automatic one.
 

@@ -38,13 +38,18 @@ _SETTLED = (
     ("dem", "coarse_grain_factor"),
     ("dem", "walls"),
     ("dem", "plate_speed"),
+    ("dem", "start_speed"),
     ("dem", "reservoir_height"),
     ("dem", "replicas"),
     ("homogenize", "cell"),
     ("homogenize", "start"),
     ("homogenize", "method"),
 )
-"""What the study had settled for the case; the option's own changes come on top."""
+"""What the study had settled for the case; the option's own changes come on top.
+
+The start of the average is among them: where the study found it from its data, the run does, and where it was given,
+what was left of the transient is in the errors as the study measured them.
+"""
 
 
 @dataclass(frozen=True)
@@ -132,13 +137,15 @@ class Recommendation:
         """
         provenance = Provenance.read(folder)
         took = f"took {provenance.wall_seconds:.0f} s"
-        noise = dict(provenance.numbers).get("statistical_error.whole")
+        numbers = dict(provenance.numbers)
+        noise, blocks = (numbers.get(name) for name in ("statistical_error.whole", "effective_blocks"))
         if noise is None:
             return f"{took}; this method gives no statistical error"
         rest = self.option.systematic["whole"]
         source = "guessed from another scene" if self.guessed else "from the study"
+        most = "" if blocks is None else f", at most {hypot(noise * sure_factor(blocks), rest.upper):.1%}"
         return (
-            f"{took}; error {hypot(noise, rest.value):.1%}: {noise:.1%} statistical as measured now, "
+            f"{took}; error {hypot(noise, rest.value):.1%}{most}: {noise:.1%} statistical as measured now, "
             f"{rest.value:.1%} {source}"
         )
 

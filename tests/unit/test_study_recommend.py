@@ -66,8 +66,9 @@ def brought_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_study(tmp_path / "shipped" / "smoke.json")
 
 
-def write_study(file: Path, fill_angle: float = 60.0, options: list[Option] = OPTIONS) -> None:
-    case = make_study(load_case(SMOKE), 1, 1, {"plate_speed": []}).case
+def write_study(file: Path, fill_angle: float = 60.0, options: list[Option] = OPTIONS, **changes: str) -> None:
+    settings = {key.replace("__", "."): text for key, text in changes.items()}
+    case = make_study(load_case(SMOKE, settings), 1, 1, {"plate_speed": []}).case
     stored = {
         "case": case.model_dump(mode="json", exclude_none=True),
         "fill_angle_deg": fill_angle,
@@ -220,6 +221,25 @@ def test_afterwards_it_says_what_it_got(results: Path) -> None:
     provenance = {"case": "a", "wall_seconds": 12.3, "quality": [], "figures": {"statistical_error": {"whole": 0.08}}}
     (folder / "provenance.json").write_text(json.dumps(provenance))
     assert chosen.obtained(folder) == "took 12 s; error 10.0%: 8.0% statistical as measured now, 6.0% from the study"
+
+
+def test_its_95_percent_bound_counts_how_many_blocks_the_noise_rests_on(results: Path) -> None:
+    """3-4-5 once more: 20 blocks may be 1.37 times too small."""
+    own_study(results, option("base", "psi", 40, 0.02, 0.03, {"dem.max_time": "7"}, upper=0.04))
+    chosen, folder = recommend(smoke(), results, 0.05), results / "smoke"
+    folder.mkdir()
+    figures = {"statistical_error": {"whole": 0.03 / math.sqrt(19 / 10.117)}, "effective_blocks": 20.0}
+    provenance = {"case": "a", "wall_seconds": 12.3, "quality": [], "figures": figures}
+    (folder / "provenance.json").write_text(json.dumps(provenance))
+    assert "error 3.7%, at most 5.0%: 2.2% statistical as measured now" in chosen.obtained(folder)
+
+
+def test_the_average_begins_as_that_of_the_study_did(results: Path, tmp_path: Path) -> None:
+    """A start that was given is part of what the study measured; one that it found, the run finds from its own data."""
+    assert recommend(smoke(), results, 0.11).file.case.homogenize.start == 1  # of the option, at its own speed
+    write_study(tmp_path / "smoke-study" / "study.json", options=[OPTIONS[-1]], homogenize__start="auto")
+    found = recommend(smoke(homogenize__start="3 s", dem__start_speed="0.026"), tmp_path, 0.05).file.case
+    assert (found.homogenize.start, found.dem.start_speed) == ("auto", "auto")
 
 
 def test_what_is_marked_and_what_is_set_is_told_before_the_run(results: Path) -> None:
