@@ -424,7 +424,7 @@ def check_gap(opening: Opening, classes: SizeClasses, coarse_grain_factor: float
 def _closed(opening: Opening) -> str:
     """What to draw where an opening was not meant to be one."""
     if opening.required:
-        return "widen it: there is no other way"
+        return "widen it, there is no other way; or is the unit of the vessel wrong?"
     width = opening.r_outer - opening.r_inner
     if math.isclose(width, opening.gap, rel_tol=1e-3) or opening.r_inner == 0:
         inner, outer = f"r = {opening.r_inner:.6g} m", f"r = {opening.r_outer:.6g} m"

@@ -12,11 +12,18 @@ from numpy.typing import NDArray
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Box, Mask
+from granpipe.geometry.crossings import crossing
 
 MOST_TRIANGLES = 500_000
 
 LEVEL = 1e-3
 """Of the vessel's height: an opening is flat, and level, to this part."""
+
+CROSSED = 1e-4
+"""Of the vessel's size: walls that pass through each other by less are said to touch."""
+
+FARTHEST = 1000
+"""Sizes of the vessel from the origin, at most: single precision, as in STL, tells places there to 6e-5 of the size."""
 
 _MERGED = 1e-6  # of the vessel's size: corners that are nearer than this are one; STL holds single precision
 _RAYS = 4  # along each side of a cell
@@ -114,12 +121,25 @@ class WallMesh:
         """
         if len(triangles) > MOST_TRIANGLES:
             raise DataError(f"{len(triangles)} triangles are more than {MOST_TRIANGLES}; make the mesh coarser")
-        size = float(np.ptp(points, axis=0).max())
+        size, away = float(np.ptp(points, axis=0).max()), float(np.abs(points).max())
+        if away > FARTHEST * size:
+            raise DataError(
+                f"they are {size:.3g} m large and reach to {away:.4g} m from the origin, more than {FARTHEST} times "
+                "their size: places are not told well enough there; move them to the origin"
+            )
         points, triangles = _merged(points, triangles, _MERGED * size)
         loops = list(_loops(points, _border(points, triangles)))
         low, high = float(points[:, 2].min()), float(points[:, 2].max())
         if not loops:
-            raise DataError("no opening at all: the walls must leave the inlet open, at the top, and the outlets")
+            raise DataError(
+                "no opening at all: delete the faces of the inlet, at the top, and of the outlets; of walls with a "
+                "thickness, which are closed as well, give the inner faces alone, or the space inside as a body (STEP)"
+            )
+        if (met := crossing(points, triangles, CROSSED * size)) is not None:
+            raise DataError(
+                f"they pass through each other at {_place(met)}: join the bodies there to one, and leave out what lies "
+                "outside the vessel"
+            )
         openings, caps = [], []
         for loop in loops:
             corners = points[loop]
@@ -136,7 +156,12 @@ class WallMesh:
         inlets = tuple(one for one in turned if high - one.z <= LEVEL * (high - low) and one.normal[2] > 1 - LEVEL)
         outlets = tuple(one for one in turned if not any(one is other for other in inlets))
         if not inlets:
-            raise DataError("no level opening at the top: the walls must leave the inlet open")
+            highest = max(turned, key=lambda one: one.corners[:, 2].max())
+            raise DataError(
+                "no level opening at the top: the walls must leave the inlet open; the highest opening, at "
+                f"{_place(highest.corners.mean(axis=0))}, {_facing(highest.normal)}"
+                + ("" if high - highest.z <= LEVEL * (high - low) else f", and walls reach to z = {high:.4g} m")
+            )
         if not outlets:
             raise DataError("no opening below the top: the walls must leave the outlet open")
         return cls(closed, inlets, outlets, len(triangles), parts, opened)
@@ -170,8 +195,14 @@ class WallMesh:
         row, column = divmod(int(odd[0]), len(x))
         raise DataError(f"the walls are not closed above or below x = {x[column]:.4g} m, y = {y[row]:.4g} m")
 
-    def contains(self, points: Array) -> Mask:
-        """(n,) which points (n, 3) lie inside: an odd number of triangles is above them."""
+    def contains(self, points: Array, without: Index | None = None) -> Mask:
+        """(n,) which points (n, 3) lie inside: an odd number of triangles is above them.
+
+        Parameters
+        ----------
+        without : (n,) piece of the walls that is left out for each point; none unless given
+        """
+        parts = np.append(self.parts, np.full(len(self.triangles) - self.walls, -1))
         found = np.zeros(len(points), dtype=np.int64)
         triangle, point = self._columns.pairs(points[:, 0] + self._aside[0], points[:, 1] + self._aside[1])
         for k in range(0, len(point), _AT_ONCE):
@@ -185,6 +216,8 @@ class WallMesh:
                 v = (own[:, 1] * first[:, 0] - own[:, 0] * first[:, 1]) / twice
                 z = a[:, 2] + u * (b[:, 2] - a[:, 2]) + v * (c[:, 2] - a[:, 2])
                 above = (u >= 0) & (v >= 0) & (u + v < 1) & (z > points[which, 2]) & (twice != 0)
+            if without is not None:
+                above &= parts[one] != without[which]
             found += np.bincount(which[above], minlength=len(points))
         return np.asarray(found % 2 == 1)
 
@@ -263,7 +296,14 @@ def _outwards(walls: WallMesh, openings: Sequence[WallOpening]) -> list[WallOpen
         step = 1e-3 * math.sqrt(one.area) * one.normal
         ahead, behind = walls.contains(np.array([inside + step, inside - step]))
         if ahead == behind:
-            raise DataError(f"it is not clear what is inside at the opening at {_place(middle)}: the walls cross there")
+            raise DataError(
+                f"it is not clear what is inside at the opening at {_place(middle)}: "
+                + (
+                    f"{walls.opened} pieces have openings; join them to one, and close obstacles on all sides"
+                    if walls.opened > 1
+                    else "walls lie in it, or cross there"
+                )
+            )
         found.append(WallOpening(one.corners, -one.normal + 0.0) if ahead else one)
     return found
 
@@ -319,7 +359,10 @@ def _border(points: Array, triangles: Index) -> Index:
     unique, count = np.unique(edges, axis=0, return_counts=True)
     if (count > 2).any():
         where = points[unique[count > 2][0]].mean(axis=0)
-        raise DataError(f"{(count > 2).sum()} edges belong to three triangles or more, one at {_place(where)}")
+        raise DataError(
+            f"{(count > 2).sum()} edges belong to three triangles or more, one at {_place(where)}: leave out faces "
+            "within the vessel and outside it, and give obstacles as closed surfaces"
+        )
     return np.asarray(unique[count == 1])
 
 
@@ -331,7 +374,10 @@ def _loops(points: Array, edges: Index) -> Iterator[Index]:
         beside.setdefault(b, []).append(a)
     for corner, others in beside.items():
         if len(others) != 2:
-            raise DataError(f"the edge of an opening branches at {_place(points[corner])}")
+            raise DataError(
+                f"the edge of an opening branches at {_place(points[corner])}: triangles there do not meet corner to "
+                "corner, or two openings touch; export one closed mesh, without gaps"
+            )
     while beside:
         start = next(iter(beside))
         loop, here = [start], beside.pop(start)[0]
@@ -383,6 +429,13 @@ def _filled(grid: Box, ray: Index, z: Array, across: int) -> Array:
     above = np.cumsum(whole[::-1], axis=0)[::-1] - whole
     part = (found + above) / _RAYS**2
     return np.asarray(np.where(np.abs(part - np.round(part)) < 1e-9, np.round(part), part))
+
+
+def _facing(normal: Array) -> str:
+    """How an opening lies, by its normal out of the vessel."""
+    lean = math.degrees(math.acos(min(1.0, abs(float(normal[2])))))
+    way = "upwards" if normal[2] > 0 else "downwards"
+    return "faces sideways" if lean > 89.9 else f"faces {way}" + (f" and leans by {lean:.3g}°" if lean > 0.1 else "")
 
 
 def _place(point: Sequence[float] | Array) -> str:

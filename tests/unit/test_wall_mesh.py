@@ -147,3 +147,19 @@ TUBE = tube([0.2, 0.3], [0.0, 1.0])
 def test_walls_that_are_none_are_refused(mesh: Mesh, words: str) -> None:
     with pytest.raises(DataError, match=words):
         WallMesh.of(*mesh)
+
+
+def test_an_inlet_that_leans_is_told_with_its_slope() -> None:
+    points, triangles = tube([0.2, 0.3], [0.0, 1.0])
+    lean = np.radians(20)
+    turn = np.array([[np.cos(lean), 0, np.sin(lean)], [0, 1, 0], [-np.sin(lean), 0, np.cos(lean)]])
+    with pytest.raises(DataError, match=r"no level opening at the top.* faces upwards and leans by 20°"):
+        WallMesh.of(points @ turn.T, triangles)
+    with pytest.raises(DataError, match=r"no level opening at the top.* faces sideways"):
+        WallMesh.of(points[:, [0, 2, 1]], triangles)
+
+
+def test_a_baffle_that_is_a_sheet_is_to_be_closed() -> None:
+    """A tube within a tube: two pieces with openings, and what is inside depends on where one looks."""
+    with pytest.raises(DataError, match="2 pieces have openings; join them to one, and close obstacles"):
+        WallMesh.of(*joined(tube([0.3, 0.3], [0.0, 1.0]), tube([0.1, 0.1], [0.0, 1.0])))
