@@ -1,7 +1,8 @@
-"""Plane vessels: what the thickness of the slice does, slots against Beverloo, x–z against a box in space.
+"""Plane vessels: the thickness of the slice, front and back walls, slots against Beverloo, x–z against a box in space.
 
-`run` makes the runs that are missing, `page` writes docs/validation/plane_vessels.md from them. Every run is an
-ordinary granpipe run: interrupted, it goes on where it stopped.
+`run` makes the runs that are missing, `page` writes docs/validation/plane_vessels.md from them; a section whose runs
+are not all there stays as it stands on the page. Every run is an ordinary granpipe run: interrupted, it goes on where
+it stopped.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -48,6 +49,11 @@ SECONDS, START = 2.2, 0.4
 THICKNESSES = (4, 8, 12)
 """Of the slice, in particle diameters."""
 
+DEPTH = 8
+"""Between front and back walls, and of the slice that is compared, in particle diameters."""
+
+WALL_FRICTIONS = (0.0, 0.5)
+
 SLOTS = (6, 7, 8, 10, 12)
 """Widths, in particle diameters."""
 
@@ -78,6 +84,7 @@ def main() -> None:
     cases = {hopper_name(t): hopper(thickness=t) for t in THICKNESSES}
     cases |= {"symmetric": written("symmetric", SYMMETRIC)}
     cases |= {f"slot-{width}": slot(width) for width in SLOTS}
+    cases |= {between_name(ends, friction): between(ends, friction) for ends in ENDS for friction in WALL_FRICTIONS}
     if options.step == "run":
         for name, case in cases.items():
             if options.only in (None, name):
@@ -87,19 +94,30 @@ def main() -> None:
                 if name == "symmetric":
                     averaged_in_space(case, options.results).save(options.results / "box.npz")
         return
-    PAGE.write_text(
-        "\n".join(
-            [
-                *head(),
-                *missing(options.results),
-                *thickness(options.results),
-                *box(options.results),
-                *slots(options.results),
-                *frictional(options.results, cases),
-            ]
-        )
-        + "\n"
-    )
+    there = {name for name in cases if (options.results / name / "field.npz").exists()}
+    stands = PAGE.read_text()
+    sections: list[tuple[str, Iterable[str], Callable[[], Iterator[str]]]] = [
+        (THICKNESS, map(hopper_name, THICKNESSES), lambda: thickness(options.results)),
+        (WALLS, [one for one in cases if one.startswith(ENDS)], lambda: walls(options.results, cases)),
+        (BOX, ["symmetric"], lambda: box(options.results)),
+        (DISCHARGE, [f"slot-{width}" for width in SLOTS], lambda: slots(options.results)),
+        (FRICTIONAL, ["symmetric", hopper_name(12), "slot-8"], lambda: frictional(options.results, cases)),
+    ]
+    lines = list(head())
+    for title, names, made in sections:
+        lines += made() if there.issuperset(names) else kept(title, stands)
+    PAGE.write_text("\n".join(lines).rstrip("\n") + "\n")
+
+
+def kept(title: str, page: str) -> Iterator[str]:
+    """A section as it stands on the page."""
+    _, found, after = page.partition(f"{title}\n")
+    if found:
+        yield title
+        yield from after.partition("\n## ")[0].rstrip("\n").split("\n")
+    else:
+        yield from (title, "", "Not run yet.")
+    yield ""
 
 
 def hopper_name(thickness: int) -> str:
@@ -114,6 +132,32 @@ def hopper(thickness: int) -> CaseFile:
         "dem.max_time": repr(SECONDS),
         "dem.start_speed": "1 mm/s",  # below the plate's: no faster start, so that all of the time is at one speed
         "dem.ranks": "1",
+        "homogenize.start": repr(START),
+        "export": "[]",
+        "figures": "[]",
+    }
+    return read_case(HOPPER, changes)
+
+
+ENDS = ("periodic", "walls")
+
+
+def between_name(ends: str, friction: float) -> str:
+    return f"{ends}-{friction:g}"
+
+
+def between(ends: str, friction: float) -> CaseFile:
+    """The hopper of the case, as deep as its slice, with what is at its front and back, and friction on all walls."""
+    changes = {
+        "name": between_name(ends, friction),
+        "outline.depth": repr(DEPTH * 1e3 * DIAMETER),  # in the case's mm
+        "outline.front_and_back": ends,
+        "flow_rate": "40 kg/h",  # as in the case, for this depth
+        "contact.wall": f"{{friction: {friction:g}}}",
+        "dem.max_time": repr(SECONDS),
+        "dem.start_speed": "1 mm/s",
+        "dem.ranks": "1",
+        "dem.keep_snapshots": "all",
         "homogenize.start": repr(START),
         "export": "[]",
         "figures": "[]",
@@ -210,6 +254,10 @@ def joined_along_y(sums: Sums, grid: Box, ends: tuple[float, float]) -> Sums:
 
 # --- page -------------------------------------------------------------------------------------------------------------
 
+THICKNESS, WALLS = "## Thickness of the slice", "## Front and back walls"
+BOX = "## The same vessel as a box in space, and its mirror image"
+DISCHARGE, FRICTIONAL = "## Free discharge of slots", "## Frictional fluid"
+
 
 def field_of(results: Path, name: str) -> Field:
     return Field.load(results / name / "field.npz")
@@ -234,20 +282,12 @@ def head() -> Iterator[str]:
     yield ""
 
 
-def missing(results: Path) -> Iterator[str]:
-    """What was not run."""
-    names = [*map(hopper_name, THICKNESSES), *(f"slot-{width}" for width in SLOTS)]
-    if left := [name for name in names if not (results / name).exists()]:
-        yield f"Not run yet: `{'`, `'.join(left)}`."
-        yield ""
-
-
 def thickness(results: Path) -> Iterator[str]:
     """Fields of slices of several thicknesses against the thickest."""
     levels = read_case(HOPPER).case.outline.levels
     fields = {t: field_of(results, hopper_name(t)) for t in THICKNESSES if (results / hopper_name(t)).exists()}
     thickest = max(fields)
-    yield "## Thickness of the slice"
+    yield THICKNESS
     yield ""
     yield "The hopper of `cases/slot_hopper.yaml`, 11 d wide at its top and 6 d in its slot, the left wall 8° and the"
     yield f"right one 34° off the vertical; {SECONDS:g} s of production, averaged from {START:g} s. Slices between"
@@ -269,12 +309,73 @@ def thickness(results: Path) -> Iterator[str]:
     yield ""
 
 
+def walls(results: Path, cases: Mapping[str, CaseFile]) -> Iterator[str]:
+    """The slice between periodic faces against the same depth between a front and a back wall."""
+    levels = read_case(HOPPER).case.outline.levels
+    yield WALLS
+    yield ""
+    yield f"The same hopper, {DEPTH} d deep: a slice between periodic faces, against a front and a back wall at that"
+    yield f"distance; {SECONDS:g} s, averaged from {START:g} s. The friction is that of all walls: without it front and"
+    yield "back walls only order the particles beside them. The fields are means over the depth."
+    yield ""
+    yield from table("walls against slice, wall friction")
+    for friction in WALL_FRICTIONS:
+        one, other = (field_of(results, between_name(ends, friction)) for ends in ENDS)
+        yield row(f"{friction:g}", compare(one, other, levels, DIAMETER))
+    yield ""
+    yield "Speed of the particles in the layer next to the front and the back wall, one diameter thick, over that"
+    yield "midway (the middle two diameters), downwards by volume; ± from blocks of the run."
+    yield ""
+    yield "| front and back | wall friction | packing | bin | hopper | slot | marked by |"
+    yield "|---|---|---|---|---|---|---|"
+    for friction in WALL_FRICTIONS:
+        for ends in ENDS:
+            name = between_name(ends, friction)
+            told = (f"{mean:.2f} ± {error:.2f}" for mean, error in beside_over_midway(cases[name], results))
+            failed = [
+                gate["name"]
+                for gate in json.loads((results / name / "provenance.json").read_text())["quality"]
+                if not gate["passed"]
+            ]
+            yield (
+                f"| {ends} | {friction:g} | {field_of(results, name).bulk_packing:.4f} | {' | '.join(told)} "
+                f"| {', '.join(failed) or 'nothing'} |"
+            )
+    yield ""
+
+
+def beside_over_midway(file: CaseFile, results: Path) -> Iterator[tuple[float, float]]:
+    """By section: speed beside front and back over that midway, and its standard error from eight blocks."""
+    plan = make_plan(file.case)
+    store = Store(results / ".store")
+    versions = library_versions() | program_versions(store.root / "programs.json")
+    (production,) = finished_productions(plan, store, versions)
+    start = figures_of(results / file.case.name)["averaged_from_s"]
+    depth, step = plan.outline.measure.turn, plan.dem.time_step
+    frames = [one for number, one in production.kept_frames(10**6) if number * step >= start]
+    for top, low in file.case.outline.levels.values():
+        ratios_found = []
+        for block in np.array_split(np.arange(len(frames)), 8):
+            flow, volume = np.zeros(2), np.zeros(2)
+            for frame in (frames[i] for i in block):
+                y, z = frame.position[:, 1] % depth, frame.position[:, 2]
+                within, part = (z < top) & (z > low), frame.radius**3
+                beside = np.minimum(y, depth - y) < DIAMETER
+                midway = np.abs(y - 0.5 * depth) < DIAMETER
+                for k, there in enumerate((within & beside, within & midway)):
+                    flow[k] += part[there] @ frame.velocity[there, 2]
+                    volume[k] += part[there].sum()
+            mean = flow / volume
+            ratios_found.append(mean[0] / mean[1])
+        yield float(np.mean(ratios_found)), float(np.std(ratios_found, ddof=1) / np.sqrt(len(ratios_found)))
+
+
 def box(results: Path) -> Iterator[str]:
     """The x–z field against a box in space, and against its own mirror image."""
     own, space = field_of(results, "symmetric"), Field.load(results / "box.npz")
     levels = written("symmetric", SYMMETRIC).case.outline.levels
     apart, turned_over = (compare(own, other, levels, DIAMETER) for other in (space, turned(own)))
-    yield "## The same vessel as a box in space, and its mirror image"
+    yield BOX
     yield ""
     yield "A symmetric hopper, 12 d wide at its top and 6 d in its slot, until its statistical error was 8 %. Its"
     yield "snapshots were deposited in cells of x, y and z as well, without the outermost diameter at either periodic"
@@ -312,7 +413,7 @@ def turned(field: Field) -> Field:
 
 def frictional(results: Path, cases: Mapping[str, CaseFile]) -> Iterator[str]:
     """The frictional fluid, and the viscous one with plug flow, against the particles."""
-    yield "## Frictional fluid"
+    yield FRICTIONAL
     yield ""
     yield "RMS difference from the fields of particles above, their noise taken off; `slot-8` discharges freely"
     yield "above a floor. Openings below 8 d are marked. The viscous fluid has a wall factor of 1, as the case would"
@@ -349,7 +450,7 @@ def frictional(results: Path, cases: Mapping[str, CaseFile]) -> Iterator[str]:
 
 def slots(results: Path) -> Iterator[str]:
     """Free discharge of slots against Beverloo's law for slots."""
-    yield "## Free discharge of slots"
+    yield DISCHARGE
     yield ""
     yield "Flat-bottomed silos, two and a half times as wide as their slots, friction 0.5, rolling friction 0.1,"
     yield "against 1.03 ρ_b √g L (w − 1.4 d)^1.5 with the bulk density that the run measured; L = 1 m."

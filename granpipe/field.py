@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from math import pi
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,7 @@ from granpipe.system.npzfile import read_npz
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Length = TypeVar("Length", float, NDArray[np.float64])
 
 FORMAT_VERSION = 1
 
@@ -123,10 +124,12 @@ class Measure:
     ----------
     turn : 2π, or the depth of the slab [m]
     axial : whether r is the distance from an axis; in a slab it is the coordinate x
+    walled : whether a slab ends at a front and a back wall; otherwise it is deep, and a slice stands for it
     """
 
     turn: float = 2 * pi
     axial: bool = True
+    walled: bool = False
 
     def weight(self, r: Array) -> Array:
         """r, or 1 in a slab."""
@@ -143,6 +146,10 @@ class Measure:
     def share(self, depth: float | None) -> float:
         """Its part of a slab of some depth [m]; 1 of a body of revolution, which has none."""
         return 1.0 if depth is None else self.turn / depth
+
+    def within_depth(self, y: Array) -> Mask:
+        """Whether points are between the front and the back wall of a slab; those without walls hold all y [m]."""
+        return (y > 0) & (y < self.turn) | (not self.walled)
 
     def from_reach(self, reach: Array) -> Array:
         """The r whose `reach` is this."""
@@ -165,9 +172,11 @@ class Measure:
         """Radius of a circle, or half the width of a strip as deep as the slab, of some area [m]."""
         return np.asarray(np.sqrt(np.asarray(area) / pi) if self.axial else np.asarray(area) / (2 * self.turn))
 
-    def hydraulic_diameter(self, width: float) -> float:
-        """4 × area / perimeter of a level [m]: its diameter, or twice the distance of the walls of a slab."""
-        return width if self.axial else 2 * width
+    def hydraulic_diameter(self, width: Length) -> Length:
+        """4 × area / perimeter of levels [m]: their diameter; of a slab twice its width, or that of its rectangle."""
+        if self.axial:
+            return width
+        return 2 * width * self.turn / (width + self.turn) if self.walled else 2 * width
 
     @property
     def letter(self) -> str:
@@ -183,7 +192,8 @@ ROUND = Measure()
 class Frustum:
     """What lies between two heights and two lines that are linear in z [m].
 
-    Round the axis the lines are inner and outer radii (inner radii 0: no hole), in a slab left and right ends in x.
+    Round the axis the lines are inner and outer radii (inner radii 0: no hole), in a slab left and right ends in x;
+    there it begins at `front` [m] and is `measure.turn` deep.
     """
 
     z_low: float
@@ -193,6 +203,7 @@ class Frustum:
     outer_low: float
     outer_high: float
     measure: Measure = ROUND
+    front: float = 0.0
 
     @property
     def height(self) -> float:
@@ -419,11 +430,13 @@ class Box(Grid):
     y_edges : (ny+1,) edges along y [m]; in the plane both ends of the depth
     flat : whether it lies in the plane
     cut : whether the ends of the depth cut particles, which otherwise count wholly
+    walled : whether the depth ends at a front and a back wall
     """
 
     y_edges: Array
     flat: bool
     cut: bool = True
+    walled: bool = False
 
     @classmethod
     def within(
@@ -473,13 +486,13 @@ class Box(Grid):
         return np.full(len(self.r_edges), dy * dz)
 
     def of_slice(self, measure: Measure) -> Box:
-        """The grid of a slice between periodic faces, which cut no particle."""
-        return replace(self, y_edges=np.array([0.0, measure.turn]), cut=False)
+        """The grid of a slice between periodic faces, or of all between two walls, neither of which cuts a particle."""
+        return replace(self, y_edges=np.array([0.0, measure.turn]), cut=False, walled=measure.walled)
 
     @property
     def period(self) -> float:
         """The depth of a slice between periodic faces [m]."""
-        return 0.0 if self.cut or not self.flat else self.measure.turn
+        return 0.0 if self.cut or self.walled or not self.flat else self.measure.turn
 
     @property
     def front_area(self) -> float:
@@ -490,7 +503,7 @@ class Box(Grid):
     @property
     def measure(self) -> Measure:
         """A slab between the ends of y."""
-        return Measure(float(self.y_edges[-1] - self.y_edges[0]), axial=False)
+        return Measure(float(self.y_edges[-1] - self.y_edges[0]), axial=False, walled=self.walled)
 
     @property
     def _edges(self) -> dict[str, Array]:
@@ -498,7 +511,7 @@ class Box(Grid):
 
     def stored(self) -> dict[str, Any]:
         """The grid as arrays for a file."""
-        ends = {"flat": self.flat, "cut": self.cut}
+        ends = {"flat": self.flat, "cut": self.cut, "walled": self.walled}
         return {"x_edges": self.r_edges, "y_edges": self.y_edges, "z_edges": self.z_edges} | ends
 
     def name_of(self, array: str) -> str:
@@ -519,7 +532,7 @@ def restored(stored: dict[str, Any]) -> Grid:
     if "x_edges" not in stored:
         return Grid(stored.pop("r_edges"), stored.pop("z_edges"))
     x, y, z = (stored.pop(f"{axis}_edges") for axis in "xyz")
-    return Box(x, z, y, bool(stored.pop("flat")), bool(stored.pop("cut")))
+    return Box(x, z, y, bool(stored.pop("flat")), bool(stored.pop("cut")), bool(stored.pop("walled", False)))
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,8 @@ def residence_time(field: Field) -> ResidenceTime:
     """Residence times of a field; DataError where it has no stream function."""
     if field.psi is None:
         raise DataError("the field has no stream function to tell residence times by; use homogenize.method: psi")
+    if field.grid.measure.walled:
+        raise DataError("a mean over the depth tells no residence times where front and back walls hold solids back")
     wall = -field.bulk_flow * field.bulk_packing / field.grid.measure.turn
     low, high, solids = _rows(field, field.psi / wall)
     edges = np.linspace(0, 1, STREAMLINES + 1).clip(_AT_REST, 1 - _AT_REST)

@@ -73,6 +73,8 @@ def age(field: Field) -> Array:
     """
     if field.psi is None:
         raise DataError("the field has no stream function to tell ages by; use homogenize.method: psi")
+    if field.grid.measure.walled:
+        raise DataError("a mean over the depth tells no ages where front and back walls hold solids back")
     paths = _Paths(field, upstream=True)
     found = np.full(field.grid.shape, np.nan)
     edges = field.grid.measure.reach(field.grid.r_edges)

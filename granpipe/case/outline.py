@@ -17,6 +17,7 @@ Polygon = tuple[Point, ...]
 Regime = Literal["mass_flow", "funnel_flow", "undecided"]
 SectionModel = Literal["fluid", "dem"]
 Symmetry = Literal["axis", "plane", "space"]
+FrontAndBack = Literal["periodic", "walls"]
 Up = Literal["x", "-x", "y", "-y", "z", "-z"]
 SLAB = ("left", "right", "depth")
 """Keys of a slab."""
@@ -122,6 +123,12 @@ class OutlineSpec(Group):
         description="Depth of a slab along y, in `unit`. Flow rates are those of this depth; with a depth of one metre "
         "they are per metre.",
     )
+    front_and_back: Annotated[FrontAndBack, OneOf(FrontAndBack)] = Field(
+        default="periodic",
+        description="Where the depth of a slab ends. `periodic`: the slab is so deep that its ends are not felt, and "
+        "particles fill a slice of it between periodic faces. `walls`: a front and a back wall, and particles fill the "
+        "whole depth between them; the field is the mean over the depth. By particles only.",
+    )
     obstacles: dict[Annotated[str, Identifier()], Annotated[Polygon, Points(at_least=3, closed=True)]] = Field(
         default_factory=dict,
         description="Closed polygons [r, z] by name: on the wall, on the axis (r = 0), or free rings.",
@@ -141,6 +148,11 @@ class OutlineSpec(Group):
         wall = self.wall if self.symmetry == "axis" else self.right
         assert wall is not None  # the validator below refuses it
         return wall
+
+    @property
+    def walled(self) -> bool:
+        """Whether a slab ends at a front and a back wall."""
+        return self.front_and_back == "walls"
 
     @property
     def levels(self) -> dict[str, tuple[float, float]]:
@@ -173,6 +185,8 @@ class OutlineSpec(Group):
                 refuse(f"missing; `symmetry: {self.symmetry}` needs it", (key,))
             if given and key not in needed:
                 refuse(f"belongs to `symmetry: {'plane' if key in SLAB else 'axis'}`; leave it out", (key,))
+        if self.walled and self.symmetry != "plane":
+            refuse("only a slab, `symmetry: plane`, has a front and a back; leave it out", ("front_and_back",))
         return self
 
     @field_validator("sections")

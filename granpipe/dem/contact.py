@@ -118,6 +118,12 @@ def slot_flow(length: float, width: float, particle: float) -> float:
     return float(1.03 * math.sqrt(GRAVITY) * length * max(0.0, width - 1.4 * particle) ** 1.5)
 
 
+def rectangle_flow(length: float, width: float, particle: float) -> float:
+    """Free discharge through a rectangle as bulk flow [m³/s], 1.03 √g (L − 1.4 d)(w − 1.4 d)^1.5, L the longer side."""
+    short, long = sorted((length, width))
+    return slot_flow(max(0.0, long - 1.4 * particle), short, particle)
+
+
 def inertial_number(speed: float, gap: float, particle: float, density: float, stress: float) -> float:
     """I = γ̇ d √(ρ/P) of a bed that moves at this speed [m/s] through a gap [m] under a vertical stress [Pa].
 

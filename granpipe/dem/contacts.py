@@ -36,6 +36,11 @@ class Contacts(NamedTuple):
         away = self.end[:, 1] - self.centre[:, 1]
         return self._replace(end=self.end - np.outer(period * np.round(away / period), [0.0, 1.0, 0.0]))
 
+    def across_depth(self) -> Contacts:
+        """Without those along y: with the front and the back wall of a slab, if walls they are with."""
+        x, y, z = np.abs(self.centre - self.end).T
+        return Contacts(*(one[y < np.hypot(x, z)] for one in self))
+
     def within_friction(self, friction: float) -> Contacts:
         """With tangential forces of at most `friction` times the normal ones.
 

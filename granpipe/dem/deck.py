@@ -39,7 +39,7 @@ _MESH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 class Slab:
     """An insertion region: arguments of LIGGGHTS `region`, the name of its fix and the seed of its insertion.
 
-    It is what lies in `outer` and not in `inner`, or in a slab what lies in both; or all of several `blocks`.
+    It is what lies in `outer` and not in `inner`, or in a slab what lies in `both`; or all of several `blocks`.
     """
 
     name: str
@@ -47,6 +47,7 @@ class Slab:
     inner: str
     seed: int
     blocks: tuple[str, ...] = ()
+    both: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,6 +139,7 @@ def make_deck(
     pieces : insertion slices from the plate to the top of the feed region
     obstacles : names of the obstacle meshes
     sides : ends of x and y between which the walls lie, corners included [m]; those of y are periodic in a slab
+        without a front and a back wall
     plates : names of their meshes, of one outlet after the other
 
     Raises
@@ -164,7 +166,7 @@ def make_deck(
     )
     rolling = case.contact.rolling_model != "none" and max(case.contact.rolling_friction, wall.rolling_friction) > 0
     vessel, plate_meshes = ("vessel", *map(_mesh_name, obstacles)), tuple(map(_mesh_name, plates))
-    margin, periodic = 2 * classes.largest, case.outline.symmetry == "plane"
+    margin, periodic = 2 * classes.largest, case.outline.symmetry == "plane" and not case.outline.walled
     return Deck(
         contact_model=_contact_model(case, rolling),
         types=2 if own_wall else 1,
@@ -272,7 +274,7 @@ def _slab(name: str, piece: Frustum | Boxes, seed: int) -> Slab:
         blocks = tuple(f"block {' '.join(map(_number, block))}" for block in piece.blocks)
         return Slab(name, blocks[0], "", seed) if len(blocks) == 1 else Slab(name, "", "", seed, blocks)
     if not piece.measure.axial:
-        return Slab(name, *_prisms(piece), seed)
+        return Slab(name, *_prisms(piece), seed, both=True)
     outer = _region(piece.outer_low, piece.outer_high, piece)
     inner = _region(piece.inner_low, piece.inner_high, piece) if max(piece.inner_low, piece.inner_high) > 0 else ""
     return Slab(name, outer, inner, seed)
@@ -292,7 +294,8 @@ def _prisms(piece: Frustum) -> tuple[str, str]:
     """
     low, high = min(piece.inner_low, piece.inner_high), max(piece.outer_low, piece.outer_high)
     far = 2 * (high - low)
-    rest = f"{_number(0.0)} {_number(piece.measure.turn)} {_number(piece.z_low)} {_number(piece.z_high)} 0.0"
+    ends = f"{_number(piece.front)} {_number(piece.front + piece.measure.turn)}"
+    rest = f"{ends} {_number(piece.z_low)} {_number(piece.z_high)} 0.0"
     right, left = piece.outer_low, piece.inner_low
     lean_right, lean_left = piece.outer_high - right, piece.inner_high - left
     if lean_right == lean_left == 0:

@@ -249,9 +249,9 @@ class FlowHealth:
     def _place(self, position: Array) -> str:
         x, y, z = position.tolist()
         measure = self.vessel.measure
-        across = f"x = {x:.4g} m, y = {y:.4g} m" if measure is None else f"{measure.letter} = "
-        if measure is not None:
-            across += f"{measure.across(position[0], position[1]):.4g} m"
+        across = f"x = {x:.4g} m, y = {y:.4g} m"
+        if measure is not None and not measure.walled:
+            across = f"{measure.letter} = {measure.across(position[0], position[1]):.4g} m"
         return f"{across}, z = {z:.4g} m"
 
     def _check_speed(self, snapshot: Snapshot) -> None:

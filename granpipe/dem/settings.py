@@ -98,6 +98,8 @@ class Opening(Protocol):
     def key(self) -> KeyPath: ...
     @property
     def length(self) -> float | None: ...
+    @property
+    def walled(self) -> bool: ...
 
 
 def free_flow(opening: Opening, particle: float) -> float:
@@ -107,7 +109,8 @@ def free_flow(opening: Opening, particle: float) -> float:
     """
     if opening.length is None:
         return contact.beverloo_flow(opening.gap, particle)
-    return contact.slot_flow(opening.length, opening.gap, particle)
+    law = contact.rectangle_flow if opening.walled else contact.slot_flow
+    return law(opening.length, opening.gap, particle)
 
 
 @dataclass(frozen=True)
@@ -532,7 +535,7 @@ def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStr
         """Plate speed at which the inertial number in an opening is at its limit."""
         at_one = contact.inertial_number(
             share * area / opening.area,
-            opening.gap,
+            min(opening.gap, opening.length) if opening.walled and opening.length else opening.gap,
             classes.sauter_diameter,
             case.material.density,
             stress.at(opening.z),

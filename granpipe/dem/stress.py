@@ -57,7 +57,7 @@ def bed_stress(
     wall : (r, z) of the wall from the top of the bed to its bottom [m]; of a slab (width, z)
     bulk_density : [kg/m³]
     friction : on the wall
-    measure : what the section stands for; 4 × area / perimeter is twice the radius, and twice the width of a slab
+    measure : what the section stands for, and by that 4 × area / perimeter of a level
     """
     stress = 0.0
     rows: list[tuple[float, float, float]] = []
@@ -69,6 +69,7 @@ def bed_stress(
         depth = (z0 - z1) / _SLICES
         for share in 0.5 * (edges[1:] + edges[:-1]):
             r = r0 + (r1 - r0) * share
-            stress = janssen_step(stress, bulk_density, 2 * r, friction, depth)
+            diameter = measure.hydraulic_diameter(2 * r if measure.axial else r)
+            stress = janssen_step(stress, bulk_density, diameter, friction, depth)
             rows.append((z0 + (z1 - z0) * share - 0.5 * depth, stress, float(measure.area(0.0, r)) * depth))
     return BedStress(*np.array(rows).T)

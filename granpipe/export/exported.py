@@ -91,9 +91,11 @@ class Exported:
     @property
     def head(self) -> list[str]:
         """Lines for the head of a file."""
+        walled = self.field.grid.measure.walled
+        mean = ", mean over the depth between a front and a back wall," if walled else ""
         return [
             f"granpipe {__version__}, case {self.name}, {self.date:%Y-%m-%d %H:%M}",
-            f"bulk velocity of the solids at the flow rate of the process: {self.flow_rate!r} m^3/s of bulk, "
+            f"bulk velocity of the solids{mean} at the flow rate of the process: {self.flow_rate!r} m^3/s of bulk, "
             f"{self.flow_rate * self.reference_density!r} kg/s",
             f"reference density {self.reference_density!r} kg/m^3: times the bulk velocity it is the mass flux",
             "SI units; away from the solids every velocity is 0, and solids is 0",

@@ -436,12 +436,7 @@ def _not_fit(plan: Data | None, provenance: Data) -> Iterator[Section]:
         limits.append(
             "Motion of single particles, mixing by their random motion, segregation: the field is an average."
         )
-        limits.append(
-            "Flow that differs along the depth, and front and back walls: the field is that of a slab which is alike "
-            "all along it."
-            if "depth_m" in provenance.get("field", {})
-            else "Flow that differs round the axis: the field is the average over the full turn."
-        )
+        limits.append(_one_way(provenance.get("field", {})))
     else:
         limits.append("Stagnant zones and free surfaces: a fluid fills the vessel and moves everywhere.")
     voids = sum(one["void_m2"] for one in provenance.get("field", {}).get("sections", {}).values())
@@ -453,6 +448,21 @@ def _not_fit(plan: Data | None, provenance: Data) -> Iterator[Section]:
     yield Section("What the field is not fit for", items=limits)
     if told := _told(plan, provenance):
         yield Section("Keep in mind", items=told)
+
+
+def _one_way(field: Data) -> str:
+    """What the field does not know, for it is a mean along one coordinate."""
+    if field.get("front_and_back_walls"):
+        return (
+            "Flow that differs along the depth: the field is the mean over it. Solids are slower at the front and the "
+            "back wall, so that paths and times that follow from it are none of the solids' own."
+        )
+    if "depth_m" in field:
+        return (
+            "Flow that differs along the depth, and front and back walls: the field is that of a slab which is alike "
+            "all along it."
+        )
+    return "Flow that differs round the axis: the field is the average over the full turn."
 
 
 def _gates(provenance: Data) -> Section:

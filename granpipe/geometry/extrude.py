@@ -1,7 +1,8 @@
 """How lines in the x–z plane become the walls of a slab for LIGGGHTS: flat strips from its front to its back face.
 
-The strips end on the periodic faces. Walls are alike all along y, so the point of a wall that is nearest to a particle
-in the box lies in the box as well, and no contact is missed.
+The strips end on the periodic faces, or on the front and the back wall (`granpipe.geometry.walled`). Walls are alike
+all along y, so the point of a wall that is nearest to a particle in the box lies in the box as well, and no contact is
+missed.
 """
 
 from __future__ import annotations
@@ -31,16 +32,37 @@ def extruded(lines: Sequence[Array], depth: float, name: str) -> Array:
     MeshError : an edge is too short for that
     """
     lengths = np.concatenate([np.hypot(*np.diff(line, axis=0).T) for line in lines])
-    strips = max(1, ceil(depth * tan(1.1 * SMALLEST_ANGLE) / lengths.min()))
-    if strips > MOST_STRIPS:
+    count = strip_count(float(lengths.min()), depth, name)
+    longest = depth / count / tan(TARGET_ANGLE)
+    return np.concatenate([strips(cut_line(line, longest), np.linspace(0.0, depth, count + 1)) for line in lines])
+
+
+def strip_count(shortest: float, depth: float, name: str) -> int:
+    """Number of strips that keep triangles at the shortest edge [m] from being thin.
+
+    Raises
+    ------
+    MeshError : the edge is too short for that
+    """
+    count = max(1, ceil(depth * tan(1.1 * SMALLEST_ANGLE) / shortest))
+    if count > MOST_STRIPS:
         raise MeshError(
-            f"{name}: an edge is {lengths.min():.3g} m long beside a slab {depth:.3g} m thick; LIGGGHTS refuses such "
+            f"{name}: an edge is {shortest:.3g} m long beside a slab {depth:.3g} m thick; LIGGGHTS refuses such "
             f"thin triangles: make it at least {depth * tan(1.1 * SMALLEST_ANGLE) / MOST_STRIPS:.3g} m long, or leave "
             "it out"
         )
-    longest = depth / strips / tan(TARGET_ANGLE)
-    fine = [np.concatenate([line[:1], *(_cut(start, end, longest) for start, end in pairwise(line))]) for line in lines]
-    return np.concatenate([_strip(line, np.linspace(0.0, depth, strips + 1)) for line in fine])
+    return count
+
+
+def cut_line(line: Array, longest: float) -> Array:
+    """The line (n, 2) with its edges cut into equal pieces no longer than `longest` [m]."""
+    return np.concatenate([line[:1], *(_cut(start, end, longest) for start, end in pairwise(line))])
+
+
+def with_ends(wall: Array, top: float, bottom: float) -> Array:
+    """A wall (n, 2) that goes on straight up to `top` and down to `bottom` [m]."""
+    line = [[float(wall[0, 0]), top], *wall.tolist(), [float(wall[-1, 0]), bottom]]
+    return np.array([a for a, b in pairwise(line) if a != b] + line[-1:])
 
 
 def write_stl(corners: Array, path: Path) -> None:
@@ -59,8 +81,8 @@ def _cut(start: Array, end: Array, longest: float) -> Array:
     return np.asarray(start + (end - start) * (np.arange(1, rows + 1) / rows)[:, None])
 
 
-def _strip(line: Array, y: Array) -> Array:
-    """Two triangles for each piece of the line and of y."""
+def strips(line: Array, y: Array) -> Array:
+    """(triangles, 3, xyz) two triangles for each piece of the line (n, 2) and of y [m]."""
     grid = np.empty((len(line), len(y), 3))
     grid[..., 0], grid[..., 1], grid[..., 2] = line[:, :1], y, line[:, 1:]
     a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]

@@ -7,13 +7,14 @@ connected with the top are kept and merged into few.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from math import inf, tan
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granpipe.field import Frustum
+from granpipe.field import Frustum, Measure
 from granpipe.geometry.excluded import Clearance, ExcludedRegion, Side, excluded_regions
 
 if TYPE_CHECKING:
@@ -39,9 +40,12 @@ def insertion_frusta(
     angle : angle from the horizontal under an edge above which nothing is inserted [rad]
     min_size : slabs lower or narrower than this [m] are joined with their neighbours if that loses little, or left out
     """
+    free = _free_depth(outline.measure, margin)
+    if free.turn <= min_size:
+        return ()
     excluded = excluded_regions(outline, top, bottom, Clearance(margin, 1 / tan(angle), outline.r_min, outline.r_max))
     levels = _levels(excluded, top, bottom, outline.tolerance)
-    rows = [_free(excluded, low, high, outline) for high, low in pairwise(levels)]
+    rows = [_free(excluded, low, high, outline, free) for high, low in pairwise(levels)]
     slabs = [slab for chain in _chains(_reached(rows)) for slab in _joined(chain, min_size, outline.tolerance)]
     useful = [slab for slab in slabs if min(slab.height, slab.width) >= min_size]
     return tuple(sorted(useful, key=lambda f: (-f.z_high, f.inner_high)))
@@ -66,8 +70,13 @@ def _levels(excluded: list[ExcludedRegion], top: float, bottom: float, tolerance
     return levels
 
 
-def _free(excluded: list[ExcludedRegion], low: float, high: float, outline: Outline) -> list[Frustum]:
-    """What the excluded regions leave free between two levels."""
+def _free_depth(measure: Measure, margin: float) -> Measure:
+    """What stands between a margin [m] from the front wall and one from the back wall, where a slab has them."""
+    return replace(measure, turn=measure.turn - 2 * margin) if measure.walled else measure
+
+
+def _free(excluded: list[ExcludedRegion], low: float, high: float, outline: Outline, measure: Measure) -> list[Frustum]:
+    """What the excluded regions leave free between two levels, of a depth by this measure."""
     middle, tolerance, axial = 0.5 * (low + high), outline.tolerance, outline.measure.axial
     active = [b for b in excluded if b.z_low < middle < b.z_high and b.left.at(middle) < b.right.at(middle)]
     active.sort(key=lambda b: b.left.at(middle))
@@ -76,7 +85,8 @@ def _free(excluded: list[ExcludedRegion], low: float, high: float, outline: Outl
         if b.left.at(middle) - inner.at(middle) > tolerance:
             radii = [side.at(z) for side in (inner, b.left) for z in (low, high)]
             r0, r1, r2, r3 = (r if r > tolerance or not axial else 0.0 for r in radii)
-            free.append(Frustum(low, high, r0, r1, r2, r3, outline.measure))
+            front = 0.5 * (outline.measure.turn - measure.turn)
+            free.append(Frustum(low, high, r0, r1, r2, r3, measure, front))
         if b.right.at(middle) > inner.at(middle):
             inner = b.right
     return free
@@ -150,8 +160,8 @@ def _largest_within(slabs: list[Frustum]) -> Frustum:
     step_in = float(np.max(inner - inner[-1] - part * (inner[0] - inner[-1])))
     step_out = float(np.min(outer - outer[-1] - part * (outer[0] - outer[-1])))
     ends = [(float(inner[i]) + step_in, float(outer[i]) + step_out) for i in (-1, 0)]
-    measure = slabs[0].measure
+    measure, front = slabs[0].measure, slabs[0].front
     (inner_low, outer_low), (inner_high, outer_high) = (
         (i if i > 1e-9 * o or not measure.axial else 0.0, max(i, o)) for i, o in ends
     )
-    return Frustum(float(z[-1]), float(z[0]), inner_low, inner_high, outer_low, outer_high, measure)
+    return Frustum(float(z[-1]), float(z[0]), inner_low, inner_high, outer_low, outer_high, measure, front)

@@ -29,11 +29,12 @@ class Opening:
     name : what users call it: "outlet", "throat", "gap between ring and wall"
     z : height [m]
     r_inner, r_outer : radii of its ends [m]; 0 where it lies round the axis; in a slab x
-    gap : diameter of the largest sphere that passes [m]
+    gap : diameter of the largest sphere that passes between its sides [m]
     area : of the narrowest section [m²]
     required : nothing passes the vessel but through here
     key : path in the case of what makes it narrow
     length : of the slot that it is [m]; None where it lies round the axis
+    walled : whether the slot ends at a front and a back wall
     """
 
     name: str
@@ -45,6 +46,7 @@ class Opening:
     required: bool
     key: KeyPath
     length: float | None = None
+    walled: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +214,8 @@ def _as_opening(outline: Outline, junction: _Junction) -> Opening:
     ]
     gap = min(across)
     length = _length(outline, junction.r0, junction.r1)
-    return Opening(name, junction.z, junction.r0, junction.r1, gap, length * gap, required, key, length)
+    walled = outline.measure.walled
+    return Opening(name, junction.z, junction.r0, junction.r1, gap, length * gap, required, key, length, walled)
 
 
 def _length(outline: Outline, r0: float, r1: float) -> float:
@@ -260,7 +263,8 @@ def _slits(outline: Outline, known: dict[frozenset[str], float]) -> Iterator[Ope
             required = outline.groups.bridged_by(a, b)
             z = float(ends[:, 1].mean())
             name, key = ("gap between the walls", RIGHT_KEY) if a == WALL else (_gap_name(a, b), obstacle_key(a))
-            yield Opening(name, z, float(r_inner), float(r_outer), gap, length * gap, required, key, length)
+            walled = outline.measure.walled
+            yield Opening(name, z, float(r_inner), float(r_outer), gap, length * gap, required, key, length, walled)
 
 
 def _is_slit(outline: Outline, ends: Array, gap: float, pair: set[str]) -> bool:

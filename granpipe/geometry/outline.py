@@ -60,15 +60,17 @@ class Outline:
         sections: Mapping[str, ZRange] | None = None,
         left: Points | None = None,
         depth: float | None = None,
+        walled: bool = False,
     ) -> Outline:
         """Outline from points, checked: CaseError with the key path of what is wrong.
 
         Parameters
         ----------
         left, depth : left wall (m, 2) and depth [m] of a slab, of which `wall` is the right one
+        walled : whether the slab ends at a front and a back wall
         """
         points = _points(wall)
-        measure = ROUND if left is None or depth is None else Measure(depth, axial=False)
+        measure = ROUND if left is None or depth is None else Measure(depth, axial=False, walled=walled)
         other = points[[0, -1] if len(points) else []] * [0.0, 1.0] if left is None else _points(left)
         tolerance = _tolerance(points, other)
         check_wall(points, tolerance, measure.axial)
@@ -91,7 +93,7 @@ class Outline:
         spec = case.outline
         if spec.symmetry == "space":
             raise CaseError("a vessel in space has no outline, which is needed here", ("vessel",))
-        return cls.of(spec.right_wall, spec.obstacles, spec.sections, spec.left, spec.depth)
+        return cls.of(spec.right_wall, spec.obstacles, spec.sections, spec.left, spec.depth, spec.walled)
 
     @property
     def z_top(self) -> float:
@@ -164,7 +166,7 @@ class Outline:
 
     def of_depth(self, depth: float) -> Outline:
         """The slab with another depth [m]."""
-        return replace(self, measure=Measure(depth, axial=False))
+        return replace(self, measure=replace(self.measure, turn=depth))
 
     def mirrored(self) -> Outline:
         """The mirror image of a slab."""
@@ -212,8 +214,9 @@ class Outline:
         return np.zeros_like(z, dtype=float) if self.measure.axial else -self.mirrored().wall_radius(z, side)
 
     def hydraulic_diameter(self, z: ArrayLike, side: Side = "below") -> Array:
-        """4 × area / perimeter [m] at heights z without obstacles: the diameter, or twice the width of a slab."""
-        return 2 * (self.wall_radius(z, side) - self.left_end(z, side))
+        """4 × area / perimeter [m] at heights z without obstacles."""
+        width = self.wall_radius(z, side) - self.left_end(z, side)
+        return self.measure.hydraulic_diameter(2 * width if self.measure.axial else width)
 
     def wall_slope(self, z: ArrayLike, side: Side = "below") -> Array:
         """dr/dz of the outer wall at heights z; at a corner just below or just above it."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from math import degrees
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from granpipe.errors import MeshError
 from granpipe.field import Array
 from granpipe.geometry.extrude import write_stl
+from granpipe.geometry.flat import flat_triangles, triangles_of
 from granpipe.geometry.revolve import SMALLEST_ANGLE, triangle_angles
 from granpipe.geometry.space_vessel import SpaceOutlet, SpaceVessel
 from granpipe.geometry.walls import Walls, checked_angle
@@ -82,7 +82,7 @@ def _anew(surface: Array, size: float, path: Path) -> Array:
         gmsh.option.setNumber("Mesh.MeshSizeMin", size)
         gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
         gmsh.model.mesh.generate(2)
-        found = _triangles(gmsh)
+        found = triangles_of(gmsh)
     path.unlink()
     before, after = _area(surface), _area(found)
     if abs(after / before - 1) > SAME_AREA:
@@ -95,26 +95,8 @@ def _anew(surface: Array, size: float, path: Path) -> Array:
 
 def _plate(border: Array, z: float) -> Array:
     """Triangles of a flat plate within a border (n, 2) at a height [m]."""
-    with gmsh_session("mesh a plate") as gmsh:
-        geo = gmsh.model.geo
-        points = [geo.addPoint(x, y, z) for x, y in border.tolist()]
-        lines = [geo.addLine(a, b) for a, b in zip(points, [*points[1:], points[0]], strict=True)]
-        for line in lines:
-            geo.mesh.setTransfiniteCurve(line, 2)
-        geo.addPlaneSurface([geo.addCurveLoop(lines)])
-        geo.synchronize()
-        gmsh.model.mesh.generate(2)
-        return _triangles(gmsh)
-
-
-def _triangles(gmsh: Any) -> Array:
-    """(n, 3, 3) corners of all triangles of the model [m]."""
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
-    place = np.zeros(int(tags.max()) + 1, dtype=int)
-    place[tags] = np.arange(len(tags))
-    _, _, nodes = gmsh.model.mesh.getElements(2)
-    corners = np.concatenate([one.reshape(-1, 3) for one in nodes])
-    return np.asarray(coordinates.reshape(-1, 3)[place[corners]])
+    flat = flat_triangles([[border]])
+    return np.concatenate([flat, np.full((*flat.shape[:2], 1), z)], axis=2)
 
 
 def _area(triangles: Array) -> float:

@@ -1,9 +1,9 @@
 """The vessel as surfaces for LIGGGHTS: one STL file each for the walls, every obstacle and the plate.
 
-A slab is made of plane strips (`granpipe.geometry.extrude`), a body of revolution of facets. They stand one above the
-other and not staggered: only then is every horizontal cut a regular polygon with the area of its circle. Staggered by
-half a facet, the cut midway between two rings is (1 + cos α)/(2 cos α) times too large, α = π/facets: 1.8 % at 12
-facets, 0.4 % at 24.
+A slab is made of plane strips (`granpipe.geometry.extrude`), with a front and a back wall where it has them (`walled`),
+a body of revolution of facets. They stand one above the other and not staggered: only then is every horizontal cut a
+regular polygon with the area of its circle. Staggered by half a facet, the cut midway between two rings is
+(1 + cos α)/(2 cos α) times too large, α = π/facets: 1.8 % at 12 facets, 0.4 % at 24.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ import numpy as np
 
 from granpipe.errors import MeshError
 from granpipe.field import Array
-from granpipe.geometry.extrude import extruded, write_stl
+from granpipe.geometry.extrude import extruded, with_ends, write_stl
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import edges_of, nearest_points
 from granpipe.geometry.revolve import SMALLEST_ANGLE, Turn, generatrix, triangle_angles
+from granpipe.geometry.walled import walled_slab
 from granpipe.system.gmsh_session import gmsh_session
 
 
@@ -35,7 +36,8 @@ class Walls:
     files : name of the mesh (vessel, obstacle_<name>, plate) → STL file
     triangles : name of the mesh → number of triangles
     facets : of the vessel's wall per turn; 0 of a slab
-    sides : ends of x and of y between which the walls lie; those of y are periodic in a slab [m]
+    sides : ends of x and of y between which the walls lie; those of y are periodic in a slab without
+        a front and a back wall [m]
     inward : how far the middle of a facet lies inside the true wall, at most [m]
     plate_area : of the outlet's polygon [m²], which is that of its circle, or of the slot
     smallest_angle : of all triangles [rad]
@@ -83,7 +85,7 @@ def build_walls(
     if not outline.measure.axial:
         return _slab(outline, top, bottom, plate_z, folder)
     turn = _turn(outline.r_max, particle_diameter, facets)
-    lines = {"vessel": ([_with_ends(outline.wall, top, bottom)], turn)}
+    lines = {"vessel": ([with_ends(outline.wall, top, bottom)], turn)}
     for name in outline.obstacles:
         radius = _group_radius(outline, name)
         lines[f"obstacle_{name}"] = (_exposed(outline, name), _turn(radius, particle_diameter, facets))
@@ -110,11 +112,15 @@ def build_walls(
 def _slab(outline: Outline, top: float, bottom: float, plate_z: float | None, folder: Path) -> Walls:
     """The walls of a slab, from y = 0 to its depth."""
     depth = outline.measure.turn
-    lines = {"vessel": [_with_ends(chain, top, bottom) for chain in (outline.left, outline.wall)]}
-    lines |= {f"obstacle_{name}": _exposed(outline, name) for name in outline.obstacles}
+    if outline.measure.walled:
+        meshes = walled_slab(outline, top, bottom)
+    else:
+        lines = {"vessel": [with_ends(chain, top, bottom) for chain in (outline.left, outline.wall)]}
+        lines |= {f"obstacle_{name}": _exposed(outline, name) for name in outline.obstacles}
+        meshes = {name: extruded(parts, depth, name) for name, parts in lines.items()}
     if plate_z is not None:
-        lines["plate"] = [np.array([[chain[-1, 0], plate_z] for chain in (outline.left, outline.wall)])]
-    meshes = {name: extruded(parts, depth, name) for name, parts in lines.items()}
+        line = np.array([[chain[-1, 0], plate_z] for chain in (outline.left, outline.wall)])
+        meshes["plate"] = extruded([line], depth, "plate")
     files = {name: folder / f"{name}.stl" for name in meshes}
     for name, mesh in meshes.items():
         write_stl(mesh, files[name])
@@ -133,12 +139,6 @@ def _slab(outline: Outline, top: float, bottom: float, plate_z: float | None, fo
 
 def _turn(radius: float, particle_diameter: float, facets: int | None) -> Turn:
     return Turn.within(radius, particle_diameter) if facets is None else Turn.of(facets, particle_diameter)
-
-
-def _with_ends(wall: Array, top: float, bottom: float) -> Array:
-    """A wall (n, 2) with its straight ends."""
-    line = [[float(wall[0, 0]), top], *wall.tolist(), [float(wall[-1, 0]), bottom]]
-    return np.array([a for a, b in pairwise(line) if a != b] + line[-1:])
 
 
 def _group_radius(outline: Outline, name: str) -> float:

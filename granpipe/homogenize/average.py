@@ -314,9 +314,8 @@ class Collector:
 
     def _shortest(self, path: Array) -> Array:
         """Paths (n, 3) that leave a slab through one end of its depth and come in at the other, made whole again."""
-        if isinstance(self.grid, Box) and self.grid.flat and not self.grid.cut:
-            depth = self.grid.measure.turn
-            path[:, 1] -= depth * np.round(path[:, 1] / depth)
+        if period := self.grid.period:
+            path[:, 1] -= period * np.round(path[:, 1] / period)
         return path
 
     def _take(self, time: float, weight: float, sample: Sample) -> Deposit:

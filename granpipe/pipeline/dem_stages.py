@@ -122,6 +122,8 @@ def _walls_key(plan: Plan, versions: Mapping[str, str]) -> str:
     }
     if not outline.measure.axial:
         inputs |= {"left": outline.left.tolist(), "depth": outline.measure.turn}
+    if outline.measure.walled:
+        inputs["walled"] = True
     return key_of("walls", _WALLS_VERSION, inputs)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import psutil
 
@@ -51,10 +53,18 @@ def slab_grid(found: Survey, frame: Frame, outline: Outline) -> Grid:
 
     Raises
     ------
-    DataError : ranges that make no sense
+    DataError : ranges that make no sense, or other ones than those between the front and the back wall of the case
     """
-    x, z = (outline.r_min, outline.r_max), (outline.z_bottom, outline.z_top)
-    return Box.within(x, _range(found, frame, "y"), z, frame.cell, flat=True, cut=frame.y is not None)
+    x, y, z = (outline.r_min, outline.r_max), _range(found, frame, "y"), (outline.z_bottom, outline.z_top)
+    measure = outline.measure
+    if measure.walled and abs(y[1] - y[0] - measure.turn) > 0.5 * found.diameter:
+        raise DataError(
+            f"the dumps are {y[1] - y[0]:.4g} m deep (y = {y[0]:.4g} … {y[1]:.4g} m), the case {measure.turn:.4g} m "
+            "between its front and back wall, and the mean over the depth goes with it: give the depth of the dumps, "
+            "all of it, or front_and_back: periodic"
+        )
+    grid = Box.within(x, y, z, frame.cell, flat=True, cut=frame.y is not None)
+    return replace(grid, walled=measure.walled)
 
 
 def vessel_box(ends: tuple[Range, Range, Range], frame: Frame, segments: int) -> Box:

@@ -40,7 +40,7 @@ from granpipe.pipeline.dump_window import Request
 from granpipe.pipeline.extra_fields import FORCES, ExtraSums, with_derived
 from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, asymmetry_gate, upward_gate
 from granpipe.planning.flow import check_flow_rate
-from granpipe.planning.plane import check_plane
+from granpipe.planning.plane import check_plane, depth_note
 from granpipe.planning.set_back import check_dumps
 
 _MOST_THROUGH_SIDES = 0.01  # of the flow
@@ -138,7 +138,7 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     if case.outline.depth is not None:
         told = replace(told, field=told.field.of_depth(case.outline.depth))
         depth = f"the dumps are {grid.measure.turn:.4g} m deep, the field the {case.outline.depth:g} m of the case"
-        flow_notes = (*flow_notes, depth)
+        flow_notes = (*flow_notes, depth_note(case) if case.outline.walled else depth)
     return replace(told, notes=(*flow_notes, *told.notes))
 
 

@@ -112,7 +112,8 @@ class ExtraSums:
         walls = read_wall_contacts(path)
         path.unlink()
         if "wall_pressure" in self.wanted:
-            values |= wall_forces(self._pieces, walls.end, walls.force)
+            beside = walls.across_depth() if self.grid.measure.walled else walls
+            values |= wall_forces(self._pieces, beside.end, beside.force)
         if "stress" in self.wanted:
             path = work / f"pairs.{step}.txt"
             pairs = read_pair_contacts(path, snapshot.id, snapshot.position)

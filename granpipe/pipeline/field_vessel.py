@@ -57,6 +57,9 @@ def other_vessel(field: Field, outline: Outline, low: float = -inf, high: float 
     The field lies on rings or in the plane x–z, as the vessel's own does; a slab may have another depth.
     """
     grid = field.grid
+    if grid.measure.walled != outline.measure.walled:
+        one, other = ("", "not ") if grid.measure.walled else ("not ", "")
+        return f"it is {one}the mean between a front and a back wall, the vessel {other}one that has them"
     rows = (grid.z_centres > low) & (grid.z_centres < high)
     wide = replace(grid, r_edges=_beyond(grid.r_edges, outline.r_min, outline.r_max))
     here = outline.inside_fraction(wide)[rows]

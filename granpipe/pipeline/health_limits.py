@@ -29,7 +29,7 @@ def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> F
     edges = [opening for opening in openings if settings.open_outlet or opening.z > outline.z_bottom]
     return FlowLimits(
         measure=outline.measure,
-        inside=lambda at: _inside(outline, outline.measure.across(at[:, 0], at[:, 1]), at[:, 2]),
+        inside=lambda at: _inside(outline, at),
         levels={_described(opening): opening.z for opening in openings},
         areas={_described(opening): _free_area(outline, opening.z) for opening in openings},
         loads={_described(opening): _load(outline, settings, opening, bulk_flow) for opening in openings},
@@ -98,9 +98,12 @@ def _elastic_energy(outline: Outline, settings: Settings, wall_friction: float) 
     return contact.MEAN_OVERLAP * contact.janssen_step(0.0, 1.0, widest, wall_friction, height)
 
 
-def _inside(outline: Outline, r: Array, z: Array) -> Mask:
-    """Whether points (n,) lie within the wall and outside the obstacles."""
-    free = r < np.maximum(outline.wall_radius(z, "below"), outline.wall_radius(z, "above"))
+def _inside(outline: Outline, centres: Array) -> Mask:
+    """(n,) whether points (n, 3) lie within the walls and outside the obstacles."""
+    x, y, z = centres.T
+    r = outline.measure.across(x, y)
+    free = outline.measure.within_depth(y)
+    free &= r < np.maximum(outline.wall_radius(z, "below"), outline.wall_radius(z, "above"))
     if not outline.measure.axial:
         free &= r > np.minimum(outline.left_end(z, "below"), outline.left_end(z, "above"))
     for polygon in outline.obstacles.values():

@@ -260,11 +260,19 @@ def _figures(folder: Path, plan: Plan, made: ModelResult, note: Callable[[str], 
                 folder / "figures" / ("vessel.png" if number == 1 else f"vessel-{number}.png"),
                 simulated.field.flow_scale,
                 (part.outline.z_bottom, part.outline.z_top),
-                0.0 if part.space is None else part.space.middle,
+                _cut(part),
             )
     if "animation" in plan.case.figures:
         for part, simulated, production in islice(_simulated(plan, made), 1):
             _animate(folder / "figures" / "animation.gif", part, simulated, production, note)
+
+
+def _cut(plan: Plan) -> float:
+    """Where in y the 3-D picture cuts the vessel [m]: in its middle, or at the front of a slice, which is open."""
+    if plan.space is not None:
+        return plan.space.middle
+    measure = plan.outline.measure
+    return 0.5 * measure.turn if measure.walled else 0.0
 
 
 def _simulated(plan: Plan, made: ModelResult) -> Iterator[tuple[Plan, ModelResult, Production]]:

@@ -28,6 +28,7 @@ def field_summary(field: Field, case: Case | None) -> dict[str, Any]:
     }
     if not field.grid.measure.axial:
         found["depth_m"] = field.grid.measure.turn
+        found["front_and_back_walls"] = field.grid.measure.walled
     if case is None:
         return found
     density = case.material.density * field.bulk_packing

@@ -96,7 +96,8 @@ def _interval(outline: Outline, opening: Opening, r0: float, r1: float) -> Vesse
     gap = 2 * r1 if round_axis else r1 - r0
     area = float(outline.measure.area(np.array(r0), np.array(r1)))
     length = None if round_axis else math.pi * (r0 + r1) if axial else outline.measure.turn
-    return VesselOpening(opening.name, opening.z, r0, r1, gap, area, False, opening.key, length)
+    walled = outline.measure.walled
+    return VesselOpening(opening.name, opening.z, r0, r1, gap, area, False, opening.key, length, walled)
 
 
 def _cone_factor(outline: Outline, opening: Opening) -> float:

@@ -24,7 +24,7 @@ from granpipe.geometry.space_vessel import SpaceVessel
 from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
 from granpipe.planning.doubts import doubts, size_hint, unit_hint
 from granpipe.planning.flow import check_flow_rate
-from granpipe.planning.plane import check_plane, depth_note
+from granpipe.planning.plane import check_model_between_walls, check_plane, depth_note
 from granpipe.planning.scene import scene_of
 from granpipe.planning.sections import section_needs, section_ranges
 from granpipe.planning.set_back import check_whole, walls_of
@@ -228,6 +228,7 @@ def make_plan(case: Case, cores: int = 1) -> Plan:
 
 def _plan_within(case: Case, error: float, cores: int) -> Plan:
     """The cheapest model whose error is at most that which the case asks for, by vessels of the same kind."""
+    check_model_between_walls(case, "auto")
     if case.vessel is not None:
         raise CaseError(f"of vessels in space no error is known; {BY_PARTICLES}", TOTAL_ERROR)
     scene = scene_of(case, _Scene(case, cores).outline)
@@ -331,6 +332,8 @@ class _Scene:
         """What the case says, or the least that its sections need."""
         if self.case.model != "auto":
             return self.case.model
+        if self.outline.measure.walled:
+            return "dem"
         by_dem = {name for name, need in self.needs.items() if need.model == "dem"}
         if not by_dem:
             return "fluid"
@@ -344,11 +347,17 @@ class _Scene:
 
     def plan(self, model: Model) -> Plan:
         """The plan of one model."""
+        check_model_between_walls(self.case, model)
         return {"fluid": self._fluid, "dem": self._dem, "hybrid": self._hybrid}[model]()
 
     @property
     def _why_fluid(self) -> str:
         return "the case asks for a fluid" if self.case.total_error is None else "a fluid is within total_error"
+
+    @property
+    def _why_particles(self) -> str:
+        walled = self.outline.measure.walled and self.case.model == "auto"
+        return "between a front and a back wall nothing else is possible" if walled else "the case asks for it"
 
     def _fluid(self) -> Plan:
         self._check_density()
@@ -447,7 +456,7 @@ class _Scene:
         return unfit, doubts
 
     def _dem(self) -> Plan:
-        outline, thickness = self._simulated()
+        outline, along_y = self._simulated()
         walls = walls_of(self.case, outline)
         if walls.decision:
             self._narrow(self.openings)  # as drawn, for the material's own particles
@@ -461,7 +470,7 @@ class _Scene:
         stages = [
             Stage("walls", "LIGGGHTS needs the walls in space, a reservoir and the outlet"),
             Stage("settle", "fill by repeated insertion and come to rest"),
-            Stage("produce", reasons or "the case asks for it"),
+            Stage("produce", reasons or self._why_particles),
             Stage("field", f"average, then conserve by method {self.case.homogenize.method}"),
             self._results("dem"),
         ]
@@ -481,21 +490,32 @@ class _Scene:
             decisions=(
                 *settings.decisions,
                 *((walls.decision,) if walls.decision else ()),
-                thickness or self._facets(settings, walls.outline.r_max),
+                *(along_y or (self._facets(settings, walls.outline.r_max),)),
             ),
             particle_steps=_particle_steps(self.case, settings, settings.steps),
             seconds=_seconds(self.case, settings, settings.steps, self.cores),
             disk_bytes=self.case.dem.replicas * _disk(self.case, settings),
         )
 
-    def _simulated(self) -> tuple[Outline, Decision | None]:
-        """The vessel as particles fill it; of a slab a slice between periodic faces, with the choice of its depth."""
+    def _simulated(self) -> tuple[Outline, tuple[Decision, ...]]:
+        """The vessel as particles fill it; of a deep slab a slice between periodic faces, with what is said of y."""
         if self.outline.measure.axial:
             if self.case.dem.thickness != "auto":
                 raise CaseError("only a slab, outline.symmetry: plane, has one; leave it out", ("dem", "thickness"))
-            return self.outline, None
+            return self.outline, ()
         classes = size_classes(self.case.material.size).enlarged(self.case.dem.coarse_grain_factor)
         given = self.case.dem.thickness
+        if self.outline.measure.walled:
+            if given != "auto":
+                raise CaseError(
+                    "particles fill the whole outline.depth between a front and a back wall (outline.front_and_back); "
+                    "leave it out",
+                    ("dem", "thickness"),
+                )
+            return self.outline, (
+                Decision("slab depth", f"{self.outline.measure.turn:.3g} m", "all of it, between front and back wall"),
+                check_gap(_depth_gap(self.outline), classes, self.case.dem.coarse_grain_factor),
+            )
         thickness = THICKNESS * classes.d90 if given == "auto" else float(given)
         ratio = thickness / classes.d90
         if ratio < LEAST_THICKNESS:
@@ -507,9 +527,13 @@ class _Scene:
         depth = self.outline.measure.turn
         breach = "" if ratio > 0.99 * THICKNESS else f"below {THICKNESS:g} d90 the thickness may show in the field"
         if depth < min(thickness, THICKNESS * classes.d90) * (1 - 1e-9):
-            breach = f"the slab is {depth:.3g} m deep: its front and back walls, which are left out, would be felt"
+            breach = (
+                f"the slab is {depth:.3g} m deep: its front and back walls, which are left out, would be felt; "
+                "outline.front_and_back: walls puts them in"
+            )
         criterion = f"{THICKNESS:g} d90 between periodic faces: half of it made no difference beyond noise"
-        return self.outline.of_depth(thickness), Decision("slab thickness", f"{thickness:.3g} m", criterion, breach)
+        decision = Decision("slab thickness", f"{thickness:.3g} m", criterion, breach)
+        return self.outline.of_depth(thickness), (decision,)
 
     def _check_sections(self, grid: Grid) -> None:
         """CaseError where a section is so thin that no row of the grid tells its error, as along a curved wall."""
@@ -765,6 +789,13 @@ def _space_plan(case: Case, cores: int, model: Model = "dem") -> Plan:
         disk_bytes=case.dem.replicas * (_disk(case, settings) + sums_memory(grid, settings.segments)),
         space=vessel,
     )
+
+
+def _depth_gap(outline: Outline) -> Opening:
+    """What particles must pass between the front and the back wall of a slab, all the way down."""
+    depth = outline.measure.turn
+    name, key = "gap between the front and the back wall", ("outline", "depth")
+    return Opening(name, outline.z_bottom, 0.0, depth, depth, outline.outlet_area, True, key)
 
 
 def _vessel(outline: Outline) -> Vessel:

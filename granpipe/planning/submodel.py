@@ -18,7 +18,7 @@ from granpipe.errors import CaseError
 Side = Literal["above", "below"]
 
 WALLS = ("wall", "left", "right")
-KINDS = ("symmetry", *WALLS, "depth")
+KINDS = ("symmetry", *WALLS, "depth", "front_and_back")
 """What an outline has beside obstacles and sections."""
 
 SEAM_DIAMETERS = 5.0

@@ -66,7 +66,7 @@ class Basis:
     plate_speed : [m/s]; 0 where the outlet is open
     reservoir_height : [m]
     facets : of the wall per turn; 0 in a slab
-    thickness : of the slice of a slab [m]; 0 of a body of revolution
+    thickness : of the slice of a slab [m]; 0 of a body of revolution, and between front and back walls
     model : dem, hybrid or fluid
     models : which of these the scene allows
     cores : that a point may keep busy

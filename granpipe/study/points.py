@@ -135,7 +135,7 @@ def _basis(case: Case, plans: Mapping[Model, Plan | CaseError]) -> Basis:
         plate_speed=dem.plate_speed,
         reservoir_height=0.5 * (dem.feed_bottom + dem.feed_top) - particles.outline.z_top,
         facets=Turn.within(particles.outline.r_max, dem.classes.sauter_diameter).facets if measure.axial else 0,
-        thickness=0.0 if measure.axial else measure.turn,
+        thickness=0.0 if measure.axial or measure.walled else measure.turn,
         model=chosen.model,
         models=possible,
         max_time=dem.length.time,

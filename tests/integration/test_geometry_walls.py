@@ -236,14 +236,14 @@ pair_coeff * *
 timestep 1e-6
 {meshes}
 fix walls all wall/gran model hertz tangential history mesh n_meshes {count} meshes {names}
-create_atoms 1 single 0 0 {z}
+create_atoms 1 single 0 {y} {z}
 set group all density 1000 diameter 0.002
 fix integrate all nve/sphere
 run 1
 """
 
 
-def load_in_liggghts(files, box, folder):
+def load_in_liggghts(files, box, folder, y=0.0):
     """What LIGGGHTS prints when it loads these meshes as walls round one particle and runs a step, and its status."""
     bounds = box + 0.1 * np.ptp(box, axis=1).max() * np.array([-1, 1])
     deck = DECK.format(
@@ -252,6 +252,7 @@ def load_in_liggghts(files, box, folder):
         count=len(files),
         names=" ".join(files),
         skin=0.02 * np.ptp(box, axis=1).max(),  # bins shrink with it, and there is but one particle
+        y=y,
         z=box[2, 1] - 0.3,
     )
     (folder / "in.load").write_text(deck)
@@ -264,6 +265,31 @@ def load_in_liggghts(files, box, folder):
 def test_liggghts_loads_the_walls_without_a_warning(scene, tmp_path):
     _, _, walls = scene
     said, status = load_in_liggghts(walls.files, walls.box, tmp_path)
+    assert status == 0, said[-2000:]
+    for name, count in walls.triangles.items():
+        assert f"mesh {name} containing {count} triangle(s) successful" in said
+    assert "WARNING" not in said
+    assert "ERROR" not in said
+
+
+SLAB = [[[-0.05, 0.2], [-0.05, 0.08], [-0.02, 0.03], [-0.02, 0.0]], [[0.03, 0.2], [0.03, 0.1], [0.02, 0.05], [0.02, 0]]]
+BARS = {
+    "none": {},
+    "bar": {"bar": [[-0.01, 0.14], [0.01, 0.14], [0.0, 0.15]]},
+    "bar and lip": {
+        "bar": [[-0.01, 0.14], [0.01, 0.14], [0.0, 0.15]], "lip": [[-0.05, 0.15], [-0.05, 0.13], [-0.04, 0.135]],
+    },
+    "bar that touches the wall in an edge": {"bar": [[-0.05, 0.11], [-0.03, 0.10], [-0.03, 0.12]]},
+}  # fmt: skip
+
+
+@pytest.mark.liggghts
+@pytest.mark.parametrize("depth", [0.02, 1.0])
+@pytest.mark.parametrize("bars", BARS)
+def test_liggghts_loads_a_slab_between_a_front_and_a_back_wall_without_a_warning(bars, depth, tmp_path):
+    outline = Outline.of(SLAB[1], BARS[bars], {}, SLAB[0], depth, walled=True)
+    walls = build_walls(outline, top=0.25, bottom=-0.2, plate_z=-0.1, particle_diameter=0.004, folder=tmp_path)
+    said, status = load_in_liggghts(walls.files, walls.box, tmp_path, 0.5 * depth)
     assert status == 0, said[-2000:]
     for name, count in walls.triangles.items():
         assert f"mesh {name} containing {count} triangle(s) successful" in said

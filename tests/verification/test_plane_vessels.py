@@ -256,7 +256,7 @@ def test_what_a_slab_cannot_have_is_refused_with_its_place(changes, key, words):
 FLOW = PlaneFlow()
 
 
-def channel(depth: float) -> Case:
+def channel(depth: float, front_and_back: str = "periodic") -> Case:
     """The vessel of `PlaneFlow`, whose right wall is a cosine."""
     z = np.linspace(HEIGHT, 0, 81)
     wall = [[float(x), float(height)] for x, height in zip(FLOW.wall(z)[0], z, strict=True)]
@@ -266,6 +266,7 @@ def channel(depth: float) -> Case:
             "name": "channel",
             "outline": {
                 "symmetry": "plane", "left": [[0, HEIGHT], [0, 0]], "right": wall, "depth": depth,
+                "front_and_back": front_and_back,
                 "sections": {"top": [1.0, 0.75], "narrow": [0.75, 0.25], "bottom": [0.25, 0.0]},
             },
             "material": {"density": 1000, "size": {"diameter": 0.04}},
@@ -289,6 +290,17 @@ def test_dumps_in_a_slab_become_its_exact_flow_at_the_depth_of_the_case(tmp_path
         inside = field.grid.r_centres < FLOW.wall(z[row])[0] - 0.04
         speed = field.flux_z[row, inside & (field.grid.r_centres > 0.04)]
         assert -speed.mean() == pytest.approx(FLOW.flow / (WIDE if height > 0.5 else NARROW), rel=0.05)
+
+
+def test_dumps_between_a_front_and_a_back_wall_are_averaged_over_the_depth_of_the_case_and_no_other(tmp_path: Path):
+    dumps = FLOW.dumps(tmp_path, interval=0.05, count=30)
+    request = Request(dumps, Frame("xz", 0.01, y=(0.0, DEPTH)), time_step=5e-5)
+    made = homogenize_files(request, channel(DEPTH, "walls"))
+    assert made.field.grid.measure.walled
+    assert made.field.flow_scale == pytest.approx(1, rel=0.03)
+    assert any("the mean over it" in note for note in made.notes)
+    with pytest.raises(DataError, match="give the depth of the dumps"):
+        homogenize_files(request, channel(2 * DEPTH, "walls"))
 
 
 def test_a_case_and_the_plane_of_the_dumps_must_agree(tmp_path: Path):
