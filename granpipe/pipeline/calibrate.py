@@ -14,7 +14,7 @@ from granpipe.pipeline.dem_stages import simulate
 from granpipe.pipeline.records import SettleRecord
 from granpipe.planning.plan import make_plan
 from granpipe.progress import Progress
-from granpipe.system.cores import usable_cores
+from granpipe.system.cores import free_cores, usable_cores
 from granpipe.system.rates import Rates, keep_rates, require_place
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
@@ -37,9 +37,12 @@ def calibration_case(ranks: int) -> Case:
 
 
 def calibrate(progress: Progress) -> Rates:
-    """Run the column on one core, and on two where there are; keep the rates."""
+    """Run the column on one core, and on two where there are and other programs leave them free; keep the rates."""
     require_place()
-    return keep_rates({ranks: _rate(ranks, progress) for ranks in (1, 2) if ranks <= usable_cores()})
+    most = min(2, usable_cores())
+    if (free := min(most, free_cores())) < most:
+        progress.note("other programs keep cores busy: two ranks would wait for each other, so only one is measured")
+    return keep_rates({ranks: _rate(ranks, progress) for ranks in range(1, free + 1)})
 
 
 def _rate(ranks: int, progress: Progress) -> float:

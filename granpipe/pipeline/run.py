@@ -204,8 +204,8 @@ def _beside_others(file: CaseFile, plan: Plan, context: Context) -> Plan:
     made = plan_case(file, free)
     if (fewer := max(run.dem.ranks for run in made.runs)) < ranks:
         context.progress.note(
-            f"note: other programs keep {context.cores - free} of {context.cores} cores busy: {fewer} "
-            f"rank{'s' if fewer > 1 else ''} in place of {ranks}, which would wait for each other; dem.ranks decides it"
+            f"note: other programs keep cores busy: {fewer} rank{'s' if fewer > 1 else ''} in place of {ranks}, which "
+            "would wait for each other; dem.ranks decides it"
         )
     return made
 

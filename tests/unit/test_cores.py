@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from granpipe.case.reader import read_case
-from granpipe.pipeline import run
+from granpipe.pipeline import calibrate, run
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.run import plan_case
 from granpipe.progress import Silent
@@ -64,7 +64,7 @@ def test_a_share_is_trusted_however_busy_the_machine(monkeypatch: pytest.MonkeyP
 def test_a_run_beside_others_takes_fewer_ranks_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     ranks, (note,) = beside(monkeypatch, tmp_path, free=1)
     assert ranks == 1
-    assert "other programs keep 1 of 2 cores busy: 1 rank in place of 2" in note
+    assert "other programs keep cores busy: 1 rank in place of 2" in note
 
 
 def test_on_idle_cores_nothing_changes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -73,3 +73,15 @@ def test_on_idle_cores_nothing_changes(monkeypatch: pytest.MonkeyPatch, tmp_path
 
 def test_ranks_of_the_case_stay(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert beside(monkeypatch, tmp_path, free=1, **{"dem.ranks": "2"}) == (2, [])
+
+
+@pytest.mark.parametrize(("free", "measured"), [(1, {1}), (2, {1, 2}), (8, {1, 2})])
+def test_two_ranks_are_measured_on_free_cores_only(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, free: int, measured: set[int]
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(calibrate, "free_cores", lambda: free)
+    monkeypatch.setattr(calibrate, "_rate", lambda *_: 1e6)
+    progress = Heard()
+    assert set(calibrate.calibrate(progress).by_ranks) == measured
+    assert len(progress.notes) == (free == 1)
