@@ -129,6 +129,8 @@ def _answer(asked: str) -> None:
 
 def _meshed(gmsh: Any, bodies: Sequence[tuple[int, int]], outlets: Sequence[Sequence[float]]) -> dict[str, Any]:
     """Corners and triangles of all faces, but for the openings of bodies."""
+    if len(bodies) > 1:
+        raise CaseError(f"holds {len(bodies)} bodies: join them to one, the space inside of the vessel")
     low, high = _box(gmsh)
     size = float((high - low).max())
     open_faces = set()
@@ -143,6 +145,13 @@ def _meshed(gmsh: Any, bodies: Sequence[tuple[int, int]], outlets: Sequence[Sequ
             named = ", ".join(f"{one:.6g}" for one in point)
             raise CaseError(f"no flat face of its body holds the point ({named}) of an outlet")
         open_faces.update(faces)
+    for tag in open_faces:
+        if len(gmsh.model.occ.getCurveLoops(tag)[0]) > 1:
+            where = ", ".join(f"{round(one, 9) + 0.0:.6g}" for one in gmsh.model.occ.getCenterOfMass(2, tag))
+            raise CaseError(
+                f"the face about ({where}) m, where its body is opened, has a hole in it: give the space inside the "
+                "vessel as the body, not its walls; what stands in it ends below the inlet and above the outlets"
+            )
     gmsh.option.setNumber("Mesh.MeshSizeMax", size / _PIECES)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", _PER_TURN)
     gmsh.model.mesh.generate(2)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granpipe.drawings.lines import LARGEST, Line, Lines, Points
+from granpipe.drawings.obj import read_obj
 from granpipe.errors import CaseError
 
 FEWEST_FACETS = 8
@@ -59,23 +60,29 @@ def read_triangles(path: Path) -> tuple[Points, NDArray[np.int64]]:
     ------
     CaseError : no triangles can be read
     """
-    from meshio import obj, stl
+    from meshio import stl
 
+    if path.suffix.lower() == ".obj":
+        return _checked(*read_obj(path))
     try:
         with np.errstate(over="ignore"):  # meshio takes the first bytes of a text file for a number
-            mesh = (obj if path.suffix.lower() == ".obj" else stl).read(path)
-        cells = [block.data for block in mesh.cells if block.type == "triangle"]
-        points, triangles = np.asarray(mesh.points, dtype=float), np.concatenate(cells)
+            mesh = stl.read(path)
+        points, triangles = np.asarray(mesh.points, dtype=float), np.concatenate([one.data for one in mesh.cells])
     except Exception:  # meshio's readers raise whatever a damaged file makes them stumble over
         raise CaseError(
             "no triangles can be read from it: cut short, damaged, or of another format; export it anew"
         ) from None
+    return _checked(points, triangles)
+
+
+def _checked(points: Points, triangles: NDArray[np.int64]) -> tuple[Points, NDArray[np.int64]]:
+    """Corners and triangles as they are; CaseError where they cannot be those of a vessel."""
     if points.shape[1:] != (3,):
         raise CaseError("damaged: its points have not three coordinates each")
     if len(triangles) == 0 or not (np.abs(points) <= LARGEST).all():
         raise CaseError(f"damaged: no triangles, or points that are no numbers or beyond {LARGEST:g}")
     if triangles.min() < 0 or triangles.max() >= len(points):
-        raise CaseError("damaged: triangles with corners that are not there (corners must be counted from 1, upwards)")
+        raise CaseError("damaged: triangles with corners that are not there")
     return points, triangles
 
 

@@ -27,6 +27,7 @@ from granpipe.pipeline.dem_stages import insertion_boxes
 from granpipe.pipeline.gates import CONSERVING
 from granpipe.pipeline.health_limits import space_limits
 from granpipe.planning.plan import Plan, make_plan, model_plans
+from granpipe.system.gmsh_session import gmsh_session
 
 CASES = Path(__file__).parents[2] / "cases"
 
@@ -252,6 +253,37 @@ def test_a_step_file_of_the_inside_is_opened_at_top_and_bottom(tmp_path: Path) -
     assert made.inlet.area == pytest.approx(np.pi * 0.030**2, rel=0.01)
     cone = np.pi * 0.05 / 3 * (0.030**2 + 0.030 * 0.018 + 0.018**2)
     assert made.outline.volume() == pytest.approx(cone + np.pi * 0.030**2 * 0.03, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("boxes", "cut", "says"),
+    [
+        ([(66, 100), (60, 100)], True, r"face about \(0, 0, 0.*1?\) m, where its body is opened, has a hole"),
+        ([(60, 100), (20, 100)], True, "give the space inside the vessel as the body, not its walls"),
+        ([(60, 100), (40, -50)], False, "holds 2 bodies: join them to one"),
+    ],
+    ids=["walls with a thickness", "a post through inlet and outlet", "two bodies on top of each other"],
+)
+def test_a_step_file_of_anything_but_the_inside_is_refused(
+    tmp_path: Path, boxes: list[tuple[float, float]], cut: bool, says: str
+) -> None:
+    """Square boxes of these widths and heights [mm]; the second is cut from the first, or stands beside it."""
+    with gmsh_session("boxes") as gmsh:
+        one, other = (
+            gmsh.model.occ.addBox(-w / 2000, -w / 2000, min(0, h) / 1000, w / 1000, w / 1000, abs(h) / 1000)
+            for w, h in boxes
+        )
+        if cut:
+            gmsh.model.occ.cut([(3, one)], [(3, other)])
+        gmsh.model.occ.synchronize()
+        gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+        gmsh.write(str(tmp_path / "walls.step"))
+    text = (CASES / "two_outlets.yaml").read_text()
+    begin, end = text.index("vessel:"), text.index("material:")
+    (tmp_path / "case.yaml").write_text(f"{text[:begin]}vessel: {{file: walls.step}}\n\n{text[end:]}")
+    with pytest.raises(CaseError, match=says) as error:
+        make_plan(load_case(tmp_path / "case.yaml"))
+    assert error.value.key == ("vessel", "file")
 
 
 @pytest.mark.parametrize(
