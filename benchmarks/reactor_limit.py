@@ -83,8 +83,8 @@ as large as those of the run that it is combined with. The stored field has its 
 Combinations: *extrapolated* is U₁ + (U₁ − U₂) (d₁ − d) / (d₂ − d₁) from two runs with particles of d₁ < d₂, d the
 material's, its correction seen through a Gaussian of {smoothed:g} d₁, whose own noise counts as error; *half and half*
 is the mean of a run and the frictional fluid at the material's size; *size by the fluid* is the run, plus the fluid at
-the material's size, less the fluid at the run's. Processor time is that of LIGGGHTS, filling included, or of the
-solver; “≤” wall time times ranks, where the results tell no more.
+the material's size, less the fluid at the run's. Processor time is that of LIGGGHTS, filling included where the results
+tell it, or the time of the fluid.
 """
 
 NOT_YET = """\
@@ -200,8 +200,6 @@ def result(folder: Path, limit: EarlierRun) -> Entry:
         raise SystemExit(f"{folder}: another scene: {'; '.join(apart)}")
     planned, record = read_json(folder / "plan.json"), read_json(folder / "provenance.json")
     particles = case.model != "fluid" and ("dem" in planned or planned["submodels"])
-    ranks = planned.get("dem", {}).get("ranks", 1)
-    chains = record["figures"].get("processor_seconds")
     diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor if particles else 0.0
     return Entry(
         name=folder.name,
@@ -209,9 +207,19 @@ def result(folder: Path, limit: EarlierRun) -> Entry:
         diameter=diameter,
         size=radius_text(limit, diameter),
         statistical=record["figures"].get("statistical_error", {}),
-        seconds=duration_text(sum(chains)) if chains else f"≤ {duration_text(record['wall_seconds'] * ranks)}",
+        seconds=time_told(planned, record),
         drawn=planned["model"] == "dem" and case.dem.walls == "as_drawn",
     )
+
+
+def time_told(planned: Mapping[str, Any], record: Mapping[str, Any]) -> str:
+    """Processor time of a run; that of production alone where its results tell no more."""
+    figures = record["figures"]
+    if "processor_seconds" in figures:
+        return duration_text(sum(figures["processor_seconds"]))
+    if "produce_wall_seconds" in figures:
+        return f"{duration_text(sum(figures['produce_wall_seconds']) * planned['dem']['ranks'])} without filling"
+    return duration_text(record["wall_seconds"])
 
 
 def stored(limit: EarlierRun) -> Entry:

@@ -137,9 +137,10 @@ def study_intro(found: Findings) -> list[str]:
         *([] if found.effects else [alone]),
         f"Made on {datetime.now().astimezone():%Y-%m-%d} by granpipe {__version__} on {machine()}.",
         *([] if found.earlier is None else _earlier_text(found.earlier)),
-        f"Reference: {found.reference}. Errors are E = √(Σ A |δU|² / Σ A |U|²) over the bulk cells, A the area of "
-        "each ring. Statistical: the standard error of the average. Systematic: the difference from the reference "
-        "with the noise of both taken off, and its 95 % bound. Unresolved: smaller than its own uncertainty.",
+        f"Reference: {found.reference if found.earlier is None else 'that run'}. Errors are E = √(Σ A |δU|² / "
+        "Σ A |U|²) over the bulk cells, A the area of each ring. Statistical: the standard error of the average. "
+        "Systematic: the difference from the reference with the noise of both taken off, and its 95 % bound. "
+        "Unresolved: smaller than its own uncertainty.",
         *([_distance_text(found)] if found.distance else []),
     ]
 

@@ -23,8 +23,8 @@ ARGUMENTS = [
 ]  # fmt: skip
 
 
-def granpipe(folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "granpipe", *ARGUMENTS]
+def granpipe(folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "granpipe", *ARGUMENTS, *more]
     environment = os.environ | {"XDG_CACHE_HOME": str(folder)}  # forecasts as if this machine had not been measured
     return subprocess.run(
         command, cwd=folder, capture_output=True, text=True, check=False, timeout=300, env=environment
@@ -52,6 +52,14 @@ def test_a_study_runs_its_points_and_tells_error_against_time(tmp_path: Path) ->
     assert page.count("data:image/png;base64,") == 4
     assert not re.search(r"(src|href)=\"(?!data:|#)", page)
     assert "Recommended settings" in page
+
+    counted = granpipe(tmp_path, "--reference", "results/smoke-study/points/plate_speed-0_052")
+    assert counted.returncode == 0, counted.stderr
+    found = {(one.point, one.method): one for one in read_study(folder / "study.json").options}
+    assert found["base", "psi"].systematic["whole"].upper > 0
+    assert found["plate_speed-0_052", "psi"].systematic == found["reference", "psi"].systematic  # the same run
+    assert found["reference", "psi"].core_seconds > 0
+    assert "an earlier run, results/smoke-study/points/plate_speed-0_052" in (folder / "report.md").read_text()
 
     case = load_case(SMOKE, dict(text.split("=") for text in ARGUMENTS if "=" in text))
     root, missing = plan_points(make_study(case, 0.002, 2, {"plate_speed": []}).sweep(), tmp_path / "results")
