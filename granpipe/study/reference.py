@@ -251,11 +251,11 @@ def _apart(one: Any, other: Any, place: str = "") -> Iterator[str]:
         for key in dict.fromkeys([*one, *other]):
             yield from _apart(one.get(key), other.get(key), f"{place}.{key}" if place else str(key))
     elif one != other and not (isinstance(one, float) and isinstance(other, float) and math.isclose(one, other)):
-        yield f"{place} is {_told(other)} there, {_told(one)} here"
+        values = [_told(value) for value in (other, one)]
+        yield f"{place} differs" if None in values else f"{place} is {values[0]} there, {values[1]} here"
 
 
-def _told(value: Any) -> str:
-    if value is None:
-        return "not given"
-    text = str(value)
-    return text if isinstance(value, Sequence) is isinstance(value, str) and len(text) < 40 else "another one"
+def _told(value: Any) -> str | None:
+    """A value as text; None where it is too long for a message."""
+    text = "not given" if value is None else str(value)
+    return text if isinstance(value, str) or not isinstance(value, Mapping | Sequence) else None

@@ -137,7 +137,7 @@ def test_another_flow_rate_and_other_numerical_settings_are_no_other_scene(tmp_p
         ({"contact.friction": "0.5"}, r"another vessel or material \(contact\.friction is 0\.5 there, 0\.3 here"),
         ({"material.density": "1200"}, r"material\.density is 1200\.0 there"),
         ({"outline.wall": "[[0.075, 0.12], [0.075, 0.08], [0.06, 0.04], [0.06, -0.04]]"},
-         r"outline\.wall is another one there"),
+         r"outline\.wall differs"),
         ({"dem.walls": "set_back", "dem.coarse_grain_factor": "1.2"}, r"walls set back; give one with dem\.walls"),
         ({"dem.outlet": "open", "dem.plate_speed": "auto"}, r"outlet is open there, plate here"),
     ],
