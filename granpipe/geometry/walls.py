@@ -179,7 +179,7 @@ def checked_angle(name: str, corners: Array) -> float:
     if smallest < SMALLEST_ANGLE:
         raise MeshError(
             f"{name}: a triangle has an angle of {degrees(smallest):.2g}°, and LIGGGHTS wants well above 0.5°; "
-            "look for very short edges beside long ones"
+            "look for very short edges beside long ones, or walls that meet at such an angle"
         )
     return smallest
 
