@@ -436,7 +436,7 @@ def _not_fit(plan: Data | None, provenance: Data) -> Iterator[Section]:
         limits.append(
             "Motion of single particles, mixing by their random motion, segregation: the field is an average."
         )
-        limits.append(_one_way(provenance.get("field", {})))
+        limits += _one_way(provenance.get("field", {}), "outlets" in provenance["figures"])
     else:
         limits.append("Stagnant zones and free surfaces: a fluid fills the vessel and moves everywhere.")
     voids = sum(one["void_m2"] for one in provenance.get("field", {}).get("sections", {}).values())
@@ -450,19 +450,21 @@ def _not_fit(plan: Data | None, provenance: Data) -> Iterator[Section]:
         yield Section("Keep in mind", items=told)
 
 
-def _one_way(field: Data) -> str:
-    """What the field does not know, for it is a mean along one coordinate."""
+def _one_way(field: Data, in_space: bool) -> list[str]:
+    """What the field does not know, for it is a mean along one coordinate; nothing of one in space."""
+    if in_space:
+        return []
     if field.get("front_and_back_walls"):
-        return (
+        return [
             "Flow that differs along the depth: the field is the mean over it. Solids are slower at the front and the "
             "back wall, so that paths and times that follow from it are none of the solids' own."
-        )
+        ]
     if "depth_m" in field:
-        return (
+        return [
             "Flow that differs along the depth, and front and back walls: the field is that of a slab which is alike "
             "all along it."
-        )
-    return "Flow that differs round the axis: the field is the average over the full turn."
+        ]
+    return ["Flow that differs round the axis: the field is the average over the full turn."]
 
 
 def _gates(provenance: Data) -> Section:

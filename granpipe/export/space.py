@@ -15,9 +15,15 @@ from granpipe.field import Array, Box, Field
 if TYPE_CHECKING:
     import pyvista
 
+SPARSE = 0.1
+"""Of the reference packing: what solids are taken to fill of a cell at least, where its particles' velocity is told."""
+
 
 def vtr_mesh(field: Field) -> pyvista.RectilinearGrid:
-    """A rectilinear grid: packing, bulk mask, solids flux, bulk and particle velocity in its cells [m/s]."""
+    """A rectilinear grid: packing, bulk mask, solids flux, bulk and particle velocity in its cells [m/s].
+
+    At the flow rate of the case.
+    """
     import pyvista
 
     grid = box_of(field)
@@ -26,9 +32,9 @@ def vtr_mesh(field: Field) -> pyvista.RectilinearGrid:
     flux = np.stack(cell_fluxes(field), axis=-1)
     mesh.cell_data["packing_fraction"] = packing.ravel()
     mesh.cell_data["bulk"] = field.bulk.astype(np.uint8).ravel()
-    mesh.cell_data["solids_flux"] = flux.reshape(-1, 3)
+    mesh.cell_data["solids_flux"] = flux.reshape(-1, 3) * field.flow_scale
     mesh.cell_data["bulk_velocity"] = flux.reshape(-1, 3) * field.velocity_scale
-    mesh.cell_data["particle_velocity"] = _per_solids(flux, packing[..., None]).reshape(-1, 3)
+    mesh.cell_data["particle_velocity"] = flux.reshape(-1, 3) * _per_solids(field).reshape(-1, 1)
     return mesh
 
 
@@ -43,7 +49,7 @@ def write_text(field: Field, folder: Path, *, name: str, date: datetime) -> None
     z, y, x = np.meshgrid(*map(_middles, (grid.z_edges, grid.y_edges, grid.r_edges)), indexing="ij")
     columns = []
     for letter, axis, flux in zip("uvw", "xyz", cell_fluxes(field), strict=True):
-        bulk, own = flux * field.velocity_scale, _per_solids(flux, packing)
+        bulk, own = flux * field.velocity_scale, flux * _per_solids(field)
         columns.append(Column(f"{letter}_bulk", "m/s", f"Bulk velocity along {axis}", bulk))
         columns.append(Column(f"{letter}_particle", "m/s", f"Particle velocity along {axis}", own))
     columns.append(Column("packing", "1", "Solids fraction", packing))
@@ -82,9 +88,15 @@ def cell_fluxes(field: Field) -> tuple[Array, Array, Array]:
     return 0.5 * (x[..., 1:] + x[..., :-1]), 0.5 * (y[:, 1:] + y[:, :-1]), 0.5 * (z[1:] + z[:-1])
 
 
-def _per_solids(flux: Array, packing: Array) -> Array:
-    """v = F/φ, 0 where nothing is."""
-    return np.divide(flux, packing, out=np.zeros_like(flux), where=packing > 0)
+def _per_solids(field: Field) -> Array:
+    """(nz, ny, nx) velocity of particles, at the flow rate of the case, over the mean flux in a cell, at DEM scale.
+
+    One over the part of the cell that solids fill, 0 where nothing is. Where they fill less than `SPARSE` of the
+    reference packing, as if they filled so much: a cell that hardly any particle has been in still has the flux that
+    conserving gives it.
+    """
+    filled = _packing(field) * field.inside_fraction
+    return np.where(filled > 0, field.flow_scale / np.maximum(filled, SPARSE * field.bulk_packing), 0.0)
 
 
 def _middles(edges: Array) -> Array:

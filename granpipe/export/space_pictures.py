@@ -52,7 +52,7 @@ def space_figure(field: Field, title: str) -> Figure:
             axis.set_xlabel(f"{name} [m]", fontsize=8)
             axis.set_ylabel("z [m]" if up is z else "y [m]", fontsize=8)
             axis.tick_params(labelsize=7.5)
-            axis.locator_params(axis="x", nbins=4 if up is z else 3)
+            axis.locator_params(axis="x", nbins=4 if up is z else 2)
         figure.colorbar(image, ax=panels, orientation="horizontal", shrink=0.5, extend="both").set_label(
             f"vertical velocity [{unit}]", fontsize=8.5
         )

@@ -31,3 +31,13 @@ def test_a_marked_field_is_not_followed_by_ways_to_use_it(tmp_path: Path) -> Non
     assert "1 of 2 passed; marked" in text
     assert "COMSOL" not in text
     assert "load_result" not in text
+
+
+def test_a_field_in_space_is_followed_by_its_own_ways(tmp_path: Path) -> None:
+    """It has no program for COMSOL, and three coordinates."""
+    folder = results(tmp_path, figures={"outlets": []})
+    (folder / "comsol" / "import_comsol.java").unlink()
+    text = closing_text(folder)
+    assert "import_comsol" not in text
+    assert f"load the files of {folder}/comsol as docs/how-to/vessels-in-space.md says" in text
+    assert ".field.velocity(x, y, z)" in text

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from granpipe.analysis.compare import compare, thirds
 from granpipe.case.reader import read_case
 from granpipe.errors import CaseError, DataError
+from granpipe.export.space import SPARSE, vtr_mesh, write_text
 from granpipe.export.space_pictures import cut_figure
 from granpipe.field import Box, Field, Grid
 from granpipe.pipeline.plot import plot_result
@@ -119,3 +121,25 @@ def test_results_in_space_are_scaled_to_another_flow_rate(results: Path) -> None
     assert float(lines[5].split()[0]) == pytest.approx(-50 / 3600 / 2500 / PACKING / area, rel=1e-6)
     with pytest.raises(CaseError, match="free discharge through the outlet left"):
         scale_results(results, read_case(results / "case.yaml", {"flow_rate": "50 t/h"}).case, results.parent / "more")
+
+
+def test_particles_have_one_velocity_in_whole_and_cut_cells_at_the_flow_rate_of_the_case(tmp_path: Path) -> None:
+    """Sinking at 10 mm/s in the simulation, at 30 mm/s in the process: also where a wall leaves a quarter of the cell,
+    and where solids are loose. A cell that no more than 1e-16 of solids was seen in has no speed beyond all bounds.
+    """
+    inside, packing = np.ones(GRID.shape), np.full(GRID.shape, PACKING)
+    inside[:, 0], packing[:, -1] = 0.25, 0.2
+    moving = 0.01 * inside * packing
+    flux = np.concatenate([moving[:1], moving])
+    packing[4, 3, 5] = 1e-16
+    field = replace(plug(0.0), inside_fraction=inside, packing_fraction=packing, flux_z=-flux, flow_scale=3.0)
+    mesh = vtr_mesh(field)
+    shown = np.asarray(mesh.cell_data["particle_velocity"]).reshape(*GRID.shape, 3)
+    write_text(field, tmp_path, name="plug", date=datetime(2026, 1, 1))
+    table = np.loadtxt(tmp_path / "flow_spreadsheet.txt", comments="%")[:, 8].reshape(GRID.shape)
+    seen = packing > 1e-3
+    for velocity in (shown[..., 2], table):
+        np.testing.assert_allclose(velocity[seen], -0.03, rtol=1e-12)
+        assert velocity[~seen] == pytest.approx(-0.03 / SPARSE)
+    solids = np.asarray(mesh.cell_data["solids_flux"]).reshape(*GRID.shape, 3)
+    np.testing.assert_allclose(solids[..., 2], -3 * moving)
