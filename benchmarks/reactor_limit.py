@@ -78,13 +78,13 @@ step, which are not.
 """
 
 FOUND = """\
-Fluids go by the contact parameters alone (bulk density {density}); *fluid, 6 cm* is one that takes the particles for
-as large as those of the run that it is combined with. The stored field has its noise by section, not by cell.
-Combinations: *extrapolated* is U₁ + (U₁ − U₂) (d₁ − d) / (d₂ − d₁) from two runs with particles of d₁ < d₂, d the
-material's, its correction seen through a Gaussian of {smoothed:g} d₁, whose own noise counts as error; *half and half*
-is the mean of a run and the frictional fluid at the material's size; *size by the fluid* is the run, plus the fluid at
-the material's size, less the fluid at the run's. Processor time is that of LIGGGHTS, filling included where the results
-tell it, or the time of the fluid.
+Fluids go by the contact parameters alone (bulk density {density}); *frictional fluid, 6 cm* takes the
+particles for as large as those of runs with that size. The stored field has its noise by section, not by cell.
+Combinations of DEM runs: *mean* is that of all with particles of one size; *extrapolated* is U₁ + (U₁ − U₂) (d₁ − d) /
+(d₂ − d₁) from two between walls as drawn with particles of d₁ < d₂, d the material's, its correction seen through a
+Gaussian of {smoothed:g} d₁, whose own noise counts as error; *half and half* is the mean of a run and the frictional
+fluid at the material's size; *size by the fluid* is the run, plus the fluid at the material's size, less the fluid at
+the run's. Processor time is that of LIGGGHTS, filling included where the results tell it, or that of the fluid.
 """
 
 NOT_YET = """\
@@ -103,7 +103,7 @@ class Entry:
     size : mean radius of these, as text
     statistical : section → error that the run told; empty where there is none
     seconds : processor time as text
-    drawn : whether it is that of a DEM run between walls as drawn, from which one may go on to another size
+    walls : as_drawn or set_back for a DEM run of the whole vessel; empty for other models, which are not combined
     """
 
     name: str
@@ -112,7 +112,7 @@ class Entry:
     size: str = ""
     statistical: Mapping[str, float] = field(default_factory=dict)
     seconds: str = ""
-    drawn: bool = False
+    walls: str = ""
 
 
 def main() -> None:
@@ -208,7 +208,7 @@ def result(folder: Path, limit: EarlierRun) -> Entry:
         size=radius_text(limit, diameter),
         statistical=record["figures"].get("statistical_error", {}),
         seconds=time_told(planned, record),
-        drawn=planned["model"] == "dem" and case.dem.walls == "as_drawn",
+        walls=case.dem.walls if planned["model"] == "dem" else "",
     )
 
 
@@ -227,7 +227,7 @@ def stored(limit: EarlierRun) -> Entry:
     kept = load(STORED, "reactor")
     own = with_noise(unit(kept.field, limit.plan.case), kept.noise, limit.plan.case.outline.levels)
     diameter = kept.plan.dem.classes.sauter_diameter if kept.plan.settings else sauter(kept.plan.case)
-    return Entry("stored", own, diameter, radius_text(limit, diameter), kept.noise, drawn=True)
+    return Entry("stored", own, diameter, radius_text(limit, diameter), kept.noise, walls="as_drawn")
 
 
 def with_noise(one: Field, noise: Mapping[str, float], levels: Mapping[str, tuple[float, float]]) -> Field:
@@ -292,7 +292,7 @@ def hybrid(limit: EarlierRun, scratch: Path) -> Field:
 def combined(limit: EarlierRun, entries: Sequence[Entry]) -> Iterator[Entry]:
     """Combinations of each run with the fluid, and of each pair of runs with particles of different sizes."""
     own_size = sauter(limit.plan.case)
-    runs = [one for one in entries if one.diameter > 1.001 * own_size and one.field.psi is not None]
+    runs = [one for one in entries if one.walls and one.diameter > 1.001 * own_size and one.field.psi is not None]
     fluid = unit(frictional(limit, 1.0), limit.plan.case)
     enlarged: dict[str, Field | None] = {}
     for one in runs:
@@ -304,7 +304,14 @@ def combined(limit: EarlierRun, entries: Sequence[Entry]) -> Iterator[Entry]:
         if (own := enlarged[one.size]) is not None:
             moved = mixed([(1.0, one.field), (1.0, fluid), (-1.0, own)])
             yield Entry(f"size by the fluid: {one.name}", moved, one.diameter, one.size)
-    for one, other in combinations(sorted((run for run in runs if run.drawn), key=lambda run: run.diameter), 2):
+    for size in dict.fromkeys(run.size for run in runs):
+        alike = [run for run in runs if run.size == size]
+        if len(alike) > 1:
+            mean = mixed([(1 / len(alike), run.field) for run in alike])
+            yield Entry(f"mean: {', '.join(run.name for run in alike)}", mean, alike[0].diameter, size)
+    for one, other in combinations(
+        sorted((run for run in runs if run.walls == "as_drawn"), key=lambda run: run.diameter), 2
+    ):
         if other.diameter > 1.05 * one.diameter:
             yield Entry(
                 f"extrapolated: {one.name}, {other.name}",

@@ -463,11 +463,10 @@ class Comparison:
         """The reference as a setting of its own, where its time is told; its systematic error is its distance."""
         if earlier.seconds is None:
             return
-        outline = earlier.plan.outline
         yield Option(
             point=self.reference.name,
             method=str(PSI),
-            travel=earlier.travel * outline.inlet_area / outline.outlet_area / outline.outlet_width,
+            travel=earlier.travel / earlier.plan.outline.outlet_width,
             seconds=earlier.seconds,
             cores=earlier.cores,
             statistical=self._statistical(self.reference),

@@ -89,6 +89,7 @@ def test_it_is_an_option_of_its_own_whose_settings_make_such_a_run() -> None:
     option = next(one for one in found.options if one.point == "reference")
     assert option.systematic["whole"] == found.distance["whole"]
     assert (option.core_seconds, option.blocks) == (1000.0, 30.0)
+    assert option.travel == pytest.approx(0.4 / 0.15)  # the outlet is 15 cm wide
     plan = make_plan(varied(CASE, option.changes | {"dem.seed": "9"}))
     assert run.is_of(plan)
     assert advise(found.options, 0.06).option == option
