@@ -85,6 +85,8 @@ class EarlierRun:
             "dem.replicas": str(given.replicas),
             "dem.max_time": f"{self.time:.4g}",
             "homogenize.cell": f"{self.field.grid.cell:.6g}",
+            "homogenize.start": str(self.plan.case.homogenize.start),
+            "dem.start_speed": str(given.start_speed),
         }
         return found if dem.open_outlet else found | {"dem.plate_speed": repr(dem.plate_speed)}
 
