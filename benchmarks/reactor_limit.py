@@ -9,6 +9,7 @@ hybrid that follows the stored field, and combinations of them; it writes docs/v
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import tempfile
 import time
@@ -141,6 +142,9 @@ def pack(folder: Path, target: Path) -> None:
         lean(run.field).save(aside / "field.npz")
         for name in FILES[1:]:
             shutil.copyfile(folder / name, aside / name)
+        told = json.loads((aside / "provenance.json").read_text())
+        told["origin"]["file"] = Path(told["origin"]["file"]).name  # its folder is that of one machine
+        (aside / "provenance.json").write_text(json.dumps(told, indent=2) + "\n")
     size = sum(file.stat().st_size for file in target.iterdir())
     print(f"{target}: {size / 1e3:.0f} kB")
     for gate in run.failed:
