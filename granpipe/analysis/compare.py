@@ -61,7 +61,10 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
     """
     grid = one.grid
     if len(grid.shape) != len(other.grid.shape):
-        raise DataError("one of the fields is in space, the other is not; compare two of a kind")
+        raise DataError(
+            "one of the fields is in space, the other is not; compare two of a kind: average the snapshots of the run "
+            "in space (dem.keep_snapshots: all) on the rings of the other by `granpipe homogenize --case`"
+        )
     if grid.measure.axial != other.grid.measure.axial:
         raise DataError("one field is that of a body of revolution, the other is not; compare two of a kind")
     if grid.shape != other.grid.shape or not _same_edges(grid, other.grid):

@@ -14,6 +14,9 @@ from granpipe.errors import CaseError
 FEWEST_FACETS = 8
 """Facets per turn that a surface of revolution has at least: fewer are a polygonal vessel."""
 
+MOST_BYTES = 500_000_000
+"""Of a file of triangles: a hundred bytes for each of ten times as many triangles as any vessel may have."""
+
 _PRECISION = 2e-6
 """STL holds numbers in single precision."""
 
@@ -62,6 +65,8 @@ def read_triangles(path: Path) -> tuple[Points, NDArray[np.int64]]:
     """
     from meshio import stl
 
+    if (size := path.stat().st_size) > MOST_BYTES:
+        raise CaseError(f"{size / 1e6:.0f} MB are more than {MOST_BYTES / 1e6:.0f} MB; make the mesh coarser")
     if path.suffix.lower() == ".obj":
         return _checked(*read_obj(path))
     try:

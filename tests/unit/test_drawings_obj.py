@@ -71,3 +71,11 @@ def test_a_hexagon_is_cut_and_a_face_with_a_notch_refused(tmp_path: Path) -> Non
 def test_damaged_lines_are_refused_with_their_number(tmp_path: Path, face: str, says: str) -> None:
     with pytest.raises(CaseError, match=says):
         read(tmp_path, [face])
+
+
+@pytest.mark.parametrize("name", ["walls.obj", "walls.stl"])
+def test_a_file_that_would_fill_the_memory_is_refused_unread(tmp_path: Path, name: str) -> None:
+    with (tmp_path / name).open("wb") as file:
+        file.truncate(10**10)  # takes no room on the disk
+    with pytest.raises(CaseError, match="10000 MB are more than 500 MB; make the mesh coarser"):
+        read_triangles(tmp_path / name)
