@@ -65,6 +65,9 @@ def test_a_difference_under_noise_stays_below_its_bound() -> None:
 def test_too_much_noise_leaves_it_unresolved() -> None:
     assert Difference("x", 0.1, 0.1, 0.01, 0.08).verdict(0.05) == "unresolved"
     assert Difference("x", 0.1, 0.02, 0.01, 0.04).verdict(0.05) == "agree"
+    # two seeds of one vessel: noise told a tenth too small is no difference
+    assert Difference("x", 0.251, 0.222, 0.118, 0.150).verdict(0.05) == "unresolved"
+    assert Difference("x", 0.251, 0.111, 0.225, 0.230).verdict(0.05) == "differ"
 
 
 def test_other_grids_are_refused() -> None:

@@ -113,6 +113,14 @@ def test_a_case_that_contradicts_itself_is_refused(tmp_path: Path, old: str, new
         read_case(tmp_path / "case.yaml")
 
 
+def test_a_written_case_is_read_again_though_the_outline_has_new_keys(tmp_path: Path) -> None:
+    text = (CASES / "two_outlets.yaml").read_text()
+    (tmp_path / "two_outlets.stl").write_bytes((CASES / "two_outlets.stl").read_bytes())
+    written = "outline: {unit: m, symmetry: space, obstacles: {}, sections: {}}"  # front_and_back came later
+    (tmp_path / "case.yaml").write_text(f"{written}\n{text}")
+    assert read_case(tmp_path / "case.yaml").case.vessel is not None
+
+
 def test_space_without_a_vessel_is_refused() -> None:
     with pytest.raises(CaseError, match="stands beside a `vessel`"):
         load_case(CASES / "smoke.yaml", {"outline": "{symmetry: space}"})
