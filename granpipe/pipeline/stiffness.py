@@ -39,7 +39,7 @@ def with_checked_stiffness(plan: Plan, context: Context) -> Plan:
         if factor <= 1:
             return plan
         why = f"at {plan.dem.youngs_modulus:.3g} Pa the settled bed overlapped by {mean:.2%} and {p99:.2%}"
-        plan = _stiffer(plan, context.cores, contact.two_digits_up(MARGIN * factor * plan.dem.youngs_modulus), why)
+        plan = _stiffer(plan, contact.two_digits_up(MARGIN * factor * plan.dem.youngs_modulus), why)
         stiffer = f"youngs_modulus = {plan.dem.youngs_modulus:.3g} Pa"
         context.progress.note(f"note: the vessel is filled again, with {stiffer}: {why}")
     return plan
@@ -51,12 +51,14 @@ def overlap(settled: Path) -> tuple[float, float]:
     return measured.mean, measured.p99
 
 
-def _stiffer(plan: Plan, cores: int, youngs: float, why: str) -> Plan:
-    """The plan at another Young's modulus, which still is a decision of granpipe's."""
-    settings = make_plan(varied(plan.case, {"contact.youngs_modulus": repr(youngs)}), cores).dem
+def _stiffer(plan: Plan, youngs: float, why: str) -> Plan:
+    """The plan at another Young's modulus, which still is a decision of granpipe's, on as many ranks."""
+    settings = make_plan(varied(plan.case, {"contact.youngs_modulus": repr(youngs)})).dem
     decisions = tuple(
         replace(decision, criterion=f"{decision.criterion}; {why}") if decision.name == "youngs_modulus" else decision
         for decision in settings.decisions
     )
     others = tuple(decision for decision in plan.decisions if decision.name not in {c.name for c in decisions})
-    return replace(plan, settings=replace(settings, decisions=decisions), decisions=(*decisions, *others))
+    return replace(
+        plan, settings=replace(settings, ranks=plan.dem.ranks, decisions=decisions), decisions=(*decisions, *others)
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -23,7 +24,7 @@ Overlaps = Callable[[float], tuple[float, float]]
 
 
 def with_checked_stiffness(
-    tiny: Path, overlaps: Overlaps, monkeypatch: pytest.MonkeyPatch, **changes: str
+    tiny: Path, overlaps: Overlaps, monkeypatch: pytest.MonkeyPatch, ranks: int = 1, **changes: str
 ) -> tuple[Plan, list[float]]:
     """The plan after beds that overlap as they do at a modulus, and the moduli that were tried."""
     tried: list[float] = []
@@ -36,6 +37,7 @@ def with_checked_stiffness(
 
     monkeypatch.setattr(stiffness, "settle", settle)
     plan = make_plan(load_case(tiny, {key.replace("__", "."): value for key, value in changes.items()}))
+    plan = replace(plan, settings=replace(plan.dem, ranks=ranks))
     return stiffness.with_checked_stiffness(plan, Context(Store(tiny.parent), {}, Silent(), cores=1)), tried
 
 
@@ -90,3 +92,10 @@ def test_it_is_chosen_again_twice_at_the_most(tiny: Path, monkeypatch: pytest.Mo
     plan, tried = with_checked_stiffness(tiny, lambda _: (0.03, 0.06), monkeypatch)
     assert len(tried) == 2
     assert plan.dem.youngs_modulus > tried[1] > tried[0]
+
+
+def test_the_vessel_is_filled_again_on_as_many_ranks(tiny: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They were counted by the cores that were free when the run began."""
+    plan, tried = with_checked_stiffness(tiny, lambda _: (0.03, 0.06), monkeypatch, ranks=2)
+    assert len(tried) > 1
+    assert plan.dem.ranks == 2
