@@ -45,8 +45,10 @@ class Solve:
 
 
 def fluid_refinement(case: Case, grid: Grid) -> tuple[Solve, ...]:
-    """The fluid on coarser and finer meshes, each order, against the finest."""
+    """The fluid on coarser and finer meshes, each order, against the finest; none between front and back walls."""
     outline = Outline.from_case(case)
+    if outline.measure.walled:
+        return ()
     inside = outline.inside_fraction(grid)
     flow = target_flow(case, case.material.packing or 0.6)
 
@@ -58,6 +60,8 @@ def fluid_refinement(case: Case, grid: Grid) -> tuple[Solve, ...]:
             case.outline.levels,
             cells_across=across,
             outlet_radii=case.fluid.annulus or (),
+            left=outline.left,
+            measure=outline.measure,
         )
         solution = solve_fluid(mesh, wall_law(case), flow, order)
         field = to_field(solution, grid, inside, _PACKING)

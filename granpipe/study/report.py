@@ -62,9 +62,9 @@ def write_study(
     if found.effects:
         draw_effects(_effects(found), root / "effects.png")
         draw_curves(_method_curves(found), "wall time × cores [s]", "statistical error", root / "methods.png")
-    draw_curves(
-        _solve_curves(solves), "wall time of mesh and solve [s]", "error against the finest", root / "fluid.png"
-    )
+    if solves:
+        across, up = "wall time of mesh and solve [s]", "error against the finest"
+        draw_curves(_solve_curves(solves), across, up, root / "fluid.png")
     sections = list(study_sections(found, solves, other))
     if missing:
         sections.append(_without_result(missing))
@@ -192,14 +192,16 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
         if found.uncertainty:
             yield _uncertainty(found)
         yield from _particle_sections(found)
-    yield Section(
-        "Finite elements",
-        ["The fictitious fluid on this outline, against order 4 on the finest mesh."],
-        head=("order", "elements across", "unknowns", "time", "error"),
-        rows=[
-            (str(s.order), str(s.across), str(s.unknowns), duration_text(s.seconds), percent(s.error)) for s in solves
-        ],
-    )
+    if solves:
+        yield Section(
+            "Finite elements",
+            ["The fictitious fluid on this outline, against order 4 on the finest mesh."],
+            head=("order", "elements across", "unknowns", "time", "error"),
+            rows=[
+                (str(s.order), str(s.across), str(s.unknowns), duration_text(s.seconds), percent(s.error))
+                for s in solves
+            ],
+        )
     if found.effects:
         yield _forecasts(found, other)
 

@@ -36,6 +36,8 @@ from granpipe.homogenize.particle_fields import contact_counts
 from granpipe.pipeline.field_vessel import check_vessel
 from granpipe.pipeline.health_limits import flow_limits
 from granpipe.planning.plan import Plan, make_plan, model_plans
+from granpipe.rzmesh import RZMesh
+from granpipe.study import fluid as study_fluid
 from granpipe.study.points import make_study
 
 LEFT = [[-0.05, 0.2], [-0.05, 0.08], [-0.02, 0.03], [-0.02, 0.0]]
@@ -282,6 +284,29 @@ def test_a_study_does_not_vary_the_thickness_between_walls():
     axes = {one.axis for one in make_study(slab(), hours=1000, cores=1).variants}
     assert {"", "coarse_grain_factor", "plate_speed", "youngs_modulus"} <= axes
     assert not {"thickness", "facets"} & axes
+
+
+def test_the_finite_elements_of_a_study_fill_a_deep_slab_from_wall_to_wall_and_none_is_tried_between_end_walls(
+    monkeypatch,
+):
+    meshes: list[RZMesh] = []
+
+    def solved(mesh: RZMesh, *given: Any) -> Any:
+        meshes.append(mesh)
+        return solve(mesh, *given)
+
+    solve = study_fluid.solve_fluid
+    monkeypatch.setattr(study_fluid, "solve_fluid", solved)
+    for name, value in (("ACROSS", (3,)), ("ORDERS", (2,)), ("FINEST", 4)):
+        monkeypatch.setattr(study_fluid, name, value)
+    deep = planned(outline__front_and_back="periodic")
+    (one,) = study_fluid.fluid_refinement(deep.case, deep.grid)
+    assert 0 < one.error < 0.1
+    drawn = shapely.Polygon([*LEFT, *RIGHT[::-1]]).area
+    for mesh in meshes:
+        corners = mesh.points[mesh.triangles]
+        assert area(np.concatenate([corners, 0 * corners[..., :1]], axis=2)) == pytest.approx(drawn)
+    assert study_fluid.fluid_refinement(slab(), planned().grid) == ()
 
 
 # --- sums and fields --------------------------------------------------------------------------------------------------
