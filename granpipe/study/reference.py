@@ -82,6 +82,8 @@ class EarlierRun:
             "dem.coarse_grain_factor": repr(given.coarse_grain_factor),
             "contact.youngs_modulus": repr(dem.youngs_modulus),
             "dem.reservoir_height": repr(0.5 * (dem.feed_bottom + dem.feed_top) - self.plan.outline.z_top),
+            "dem.facets": str(given.facets),
+            "dem.thickness": str(given.thickness),
             "dem.replicas": str(given.replicas),
             "dem.max_time": f"{self.time:.4g}",
             "homogenize.cell": f"{self.field.grid.cell:.6g}",
@@ -166,6 +168,8 @@ def read_run(folder: Path) -> EarlierRun:
     planned, provenance = read_json(folder / "plan.json", _Planned), Provenance.read(folder)
     if planned.dem is None or planned.model != "dem":
         raise DataError(f"{folder}: the results of a {planned.model}; a reference is a DEM run of the whole vessel")
+    if case.vessel is not None:
+        raise DataError(f"{folder}: a run in space; a reference is one of an outline")
     if field.psi is None or field.flux_z_se is None:
         what = "stream function" if field.psi is None else "standard error"
         raise DataError(f"{folder}: its field has no {what}; run it with homogenize.method: psi, and longer")

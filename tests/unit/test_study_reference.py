@@ -84,7 +84,7 @@ def test_a_point_that_is_the_same_run_has_no_difference_from_it() -> None:
 
 
 def test_it_is_an_option_of_its_own_whose_settings_make_such_a_run() -> None:
-    run = earlier(0.01)
+    run = earlier(0.01, dem__facets="32")
     found = compared(run).findings(Silent())
     option = next(one for one in found.options if one.point == "reference")
     assert option.systematic["whole"] == found.distance["whole"]
