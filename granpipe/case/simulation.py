@@ -89,7 +89,8 @@ class Dem(Group):
     )
     ranks: Annotated[int | Literal["auto"], Whole(1, 4096, auto=True)] = Field(
         default="auto",
-        description="MPI processes; `auto` uses the cores that are free when the run begins, as far as it helps.",
+        description="MPI processes; `auto` uses the cores that are free when the run begins, as far as it helps. With "
+        "another number particles take other paths, and a field is the same within its errors.",
     )
     keep_snapshots: Annotated[Snapshots, OneOf(Snapshots)] = Field(
         default="none", description="Which snapshots to keep; they are averaged while LIGGGHTS runs."

@@ -8,11 +8,15 @@ from pathlib import Path
 
 import psutil
 import pytest
+from fakes.records import WALLS
 
 from granpipe.case.reader import read_case
 from granpipe.pipeline import calibrate, run
 from granpipe.pipeline.context import Context
+from granpipe.pipeline.dem_stages import _Replica, _walls_key
+from granpipe.pipeline.results import results_key
 from granpipe.pipeline.run import plan_case
+from granpipe.planning.plan import make_plan
 from granpipe.progress import Silent
 from granpipe.system.cores import VARIABLE, busy_cores, free_cores
 from granpipe.system.store import Store
@@ -73,6 +77,18 @@ def test_on_idle_cores_nothing_changes(monkeypatch: pytest.MonkeyPatch, tmp_path
 
 def test_ranks_of_the_case_stay(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert beside(monkeypatch, tmp_path, free=1, **{"dem.ranks": "2"}) == (2, [])
+
+
+def test_what_was_made_on_other_ranks_is_found_again(tmp_path: Path) -> None:
+    WALLS.write(tmp_path)
+    versions = {"gmsh": "4", "liggghts": "3.8"}
+    found = set()
+    for ranks in ("auto", "1", "2"):
+        plan = make_plan(read_case(REACTOR, {"dem.ranks": ranks}).case, cores=2)
+        replica = _Replica(0, plan, tmp_path, Context(Store(tmp_path), versions, Silent(), 2))
+        keys = _walls_key(plan, versions), replica.settle_key, replica.produce_key, results_key(plan.case, versions)
+        found.add(keys)
+    assert len(found) == 1
 
 
 @pytest.mark.parametrize(("free", "measured"), [(1, {1}), (2, {1, 2}), (8, {1, 2})])
