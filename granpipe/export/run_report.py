@@ -436,7 +436,7 @@ def _not_fit(plan: Data | None, provenance: Data) -> Iterator[Section]:
         limits.append(
             "Motion of single particles, mixing by their random motion, segregation: the field is an average."
         )
-        limits += _one_way(provenance.get("field", {}), "outlets" in provenance["figures"])
+        limits += _one_way(provenance.get("field", {}), "conserving_changes" in provenance["figures"])
     else:
         limits.append("Stagnant zones and free surfaces: a fluid fills the vessel and moves everywhere.")
     voids = sum(one["void_m2"] for one in provenance.get("field", {}).get("sections", {}).values())

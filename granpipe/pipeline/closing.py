@@ -27,7 +27,7 @@ def closing_text(folder: Path) -> str:
     if failed:
         rows.append(("next", "open the report; it says what each failed gate means and what to change"))
     else:
-        steps = _next(folder, "outlets" in provenance.figures)
+        steps = _next(folder, "conserving_changes" in provenance.figures)
         rows += [("next" if number == 0 else "", step) for number, step in enumerate(steps)]
     return "\n".join(f"  {name:<7} {text}" for name, text in rows)
 
