@@ -73,7 +73,7 @@ python benchmarks/reactor_limit.py page RESULTS …
 
 Errors are E = √(Σ A |δU|² / Σ A |U|²) of the bulk velocity over the cells that both call bulk, over the whole and by
 section. Fields on other cells are compared on the larger of both, by their stream functions, which changes a smeared
-flow by 0.5 to 0.9 %. *Beyond noise*: with the noise of both taken off, ± its standard error, or “<” its 95 % bound
+flow by 0.5 to 1.2 %. *Beyond noise*: with the noise of both taken off, ± its standard error, or “<” its 95 % bound
 where noise explains it. The limit has an error of its own: its noise, which is taken off, and its plate, softness and
 step, which are not.
 """
