@@ -14,7 +14,7 @@ from granpipe.field import Array, Box, Field, Grid, Mask, cell_squares, section_
 
 ONE_SIDED_95 = 1.645
 
-NOISE_MARGIN = 0.25
+NOISE_MARGIN = 0.3
 """Part by which the square of the noise may be larger than the standard errors say: fields of several seeds scatter by
 0.96 to 1.13 times what they claim (docs/validation/space_vessels.md)."""
 
