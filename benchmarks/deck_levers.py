@@ -617,6 +617,7 @@ def _rank_section(results: Path) -> list[str]:
     lines = []
     for folder in sorted(results.glob("ranks-*")):
         found = costs(read_rounds(folder), "one rank")
+        yielding = found["two ranks, that yield"].ratio / found["two ranks"].ratio
         loads = [row.load for one in found.values() for row in one.rows]
         lines += [
             "## Ranks on a busy machine",
@@ -627,7 +628,8 @@ def _rank_section(results: Path) -> list[str]:
                 "priority). Speed is by the clock, in particle-steps a second. Idle cores were not to be had; "
                 "`granpipe calibrate` tells what two ranks gain there. On a busy machine no way of starting two ranks "
                 "comes near one: neither ranks that yield while they wait nor ranks bound to cores. Ranks that yield "
-                "take an eighth of the processor time from the others, and are no slower than those that do not."
+                f"take {yielding:.0%} of the processor time from the others that ranks that wait take, and are no "
+                "slower."
             ),
             "| way | µs a particle-step | over one rank | speed, each round | their geometric mean |",
             "|---" * 5 + "|",
