@@ -21,6 +21,10 @@ from granpipe.geometry.revolve import SMALLEST_ANGLE, TARGET_ANGLE
 MOST_STRIPS = 64
 """Side by side along y: shorter edges would need more, to keep their triangles from being thin."""
 
+MOST_DEPTHS = 4
+"""Longest triangle over the depth: LIGGGHTS stops at its first insertion (region_neighbor_list) where one is ten times
+as long as the period; eight times passed."""
+
 
 def extruded(lines: Sequence[Array], depth: float, name: str) -> Array:
     """The corners (triangles, 3, xyz) [m] of walls along lines (n, 2), between y = 0 and the depth [m].
@@ -33,7 +37,7 @@ def extruded(lines: Sequence[Array], depth: float, name: str) -> Array:
     """
     lengths = np.concatenate([np.hypot(*np.diff(line, axis=0).T) for line in lines])
     count = strip_count(float(lengths.min()), depth, name)
-    longest = depth / count / tan(TARGET_ANGLE)
+    longest = min(depth / count / tan(TARGET_ANGLE), MOST_DEPTHS * depth)
     return np.concatenate([strips(cut_line(line, longest), np.linspace(0.0, depth, count + 1)) for line in lines])
 
 

@@ -23,6 +23,7 @@ from granpipe.dem.settings import Settings, slab_height
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.field import Boxes
+from granpipe.geometry.extrude import MOST_DEPTHS
 from granpipe.geometry.insertion import insertion_frusta
 from granpipe.geometry.space_vessel import SpaceVessel
 from granpipe.geometry.space_walls import build_space_walls, plate_name
@@ -121,7 +122,7 @@ def _walls_key(plan: Plan, versions: Mapping[str, str]) -> str:
         "gmsh": versions["gmsh"],
     }
     if not outline.measure.axial:
-        inputs |= {"left": outline.left.tolist(), "depth": outline.measure.turn}
+        inputs |= {"left": outline.left.tolist(), "depth": outline.measure.turn, "longest": MOST_DEPTHS}
     if outline.measure.walled:
         inputs["walled"] = True
     return key_of("walls", _WALLS_VERSION, inputs)

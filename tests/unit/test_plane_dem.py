@@ -178,6 +178,13 @@ def test_obstacles_are_walls_but_where_they_lie_on_one(name, length, tmp_path: P
     assert area(np.array(numbers, dtype=float).reshape(-1, 3, 3)) == pytest.approx(0.03 * length)
 
 
+def test_no_triangle_of_a_thin_slice_is_many_times_as_long_as_its_period() -> None:
+    """LIGGGHTS stops at the first insertion where one is nine times as long; here the wall is fifty times."""
+    corners = extruded([np.array([[0.0, 1.5], [0.0, 0.0]])], 0.03, "vessel")
+    assert np.ptp(corners[..., 2], axis=1).max() <= 0.121
+    assert len(corners) == 2 * 13
+
+
 def test_short_edges_make_more_strips_and_no_thin_triangle():
     line = np.array([[0.0, 1.0], [0.0, 0.5], [0.0005, 0.4995], [0.1, 0.3]])
     corners = extruded([line], 0.2, "vessel")
