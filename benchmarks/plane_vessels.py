@@ -75,6 +75,32 @@ export: []
 figures: []
 """
 
+JOINED = """\
+name: joined
+outline:
+  symmetry: plane
+  unit: mm
+  left: [[-35, 150], [-35, 100], [-17.5, 55], [-17.5, 40], [-35, 40], [-35, 0]]
+  right: [[28, 150], [28, 100], [17.5, 55], [17.5, 40], [28, 40], [28, 0]]
+  depth: 1000
+  sections:
+    bin: [150, 100]
+    hopper: {z: [100, 55], wall_factor: 1, regime: mass_flow}
+    throat: [55, 40]
+    chamber: [40, 0]
+material: {density: 2500 kg/m^3, size: {diameter: 5 mm}}
+contact: {friction: 0.5, rolling_friction: 0.1, wall: {friction: 0.3}}
+flow_rate: 1 t/h
+dem: {max_time: 2.5 s, ranks: 1, thickness: 30 mm}
+export: []
+figures: []
+"""
+JOINED_MODELS = {
+    "dem": {"model": "dem"},
+    "frictional": {"model": "hybrid", "fluid.rheology": "frictional"},
+    "viscous": {"model": "hybrid"},
+}
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
@@ -86,6 +112,7 @@ def main() -> None:
     cases |= {"symmetric": written("symmetric", SYMMETRIC)}
     cases |= {f"slot-{width}": slot(width) for width in SLOTS}
     cases |= {between_name(ends, friction): between(ends, friction) for friction in WALL_FRICTIONS for ends in ENDS}
+    cases |= {f"joined-{model}": joined(model) for model in JOINED_MODELS}
     if options.step == "run":
         for name, case in cases.items():
             if name.startswith(options.only):
@@ -103,6 +130,7 @@ def main() -> None:
         (BOX, ["symmetric"], lambda: box(options.results)),
         (DISCHARGE, [f"slot-{width}" for width in SLOTS], lambda: slots(options.results)),
         (FRICTIONAL, ["symmetric", hopper_name(12), "slot-8"], lambda: frictional(options.results, cases)),
+        (HYBRID, [f"joined-{model}" for model in JOINED_MODELS], lambda: hybrids(options.results)),
     ]
     lines = list(head())
     for title, names, made in sections:
@@ -191,6 +219,14 @@ def slot(width: int) -> CaseFile:
     return written(f"slot-{width}", SILO.format(width=width, half=half, left=-right, right=right, top=7.5 * width))
 
 
+def joined(model: str) -> CaseFile:
+    """A bin and a hopper above a chamber to both sides: particles everywhere, or below the throat alone."""
+    path = ROOT / "results" / "plane_vessels" / "joined.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(JOINED)
+    return read_case(path, {"name": f"joined-{model}"} | JOINED_MODELS[model])
+
+
 def written(name: str, text: str) -> CaseFile:
     path = ROOT / "results" / "plane_vessels" / f"{name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -257,7 +293,7 @@ def joined_along_y(sums: Sums, grid: Box, ends: tuple[float, float]) -> Sums:
 
 THICKNESS, WALLS = "## Thickness of the slice", "## Front and back walls"
 BOX = "## The same vessel as a box in space, and its mirror image"
-DISCHARGE, FRICTIONAL = "## Free discharge of slots", "## Frictional fluid"
+DISCHARGE, FRICTIONAL, HYBRID = "## Free discharge of slots", "## Frictional fluid", "## Hybrids"
 
 
 def field_of(results: Path, name: str) -> Field:
@@ -451,6 +487,24 @@ def frictional(results: Path, cases: Mapping[str, CaseFile]) -> Iterator[str]:
                 f"| {name} | {fluid} | {whole.noise_free:.1%} (below {whole.upper:.1%}) | {told} | {whole.noise:.1%} "
                 f"| {tension} | {seconds:.0f} |"
             )
+    yield ""
+
+
+def hybrids(results: Path) -> Iterator[str]:
+    """Hybrids of a slab against particles everywhere."""
+    yield HYBRID
+    yield ""
+    yield "A bin, a hopper of 21 and 13° and a throat of 7 d above a chamber that is wider to both sides, in a slice"
+    yield "of 6 d: particles in the chamber and half a width above it, a fluid in the rest, against particles"
+    noise = figures_of(results / "joined-dem")["statistical_error"]["whole"]
+    yield f"everywhere (one run, {noise:.1%} statistical error)."
+    yield ""
+    yield "| fluid of the hybrid | whole | bin | hopper | throat | chamber |"
+    yield "|---|---|---|---|---|---|"
+    levels = joined("dem").case.outline.levels
+    truth = field_of(results, "joined-dem")
+    for model in ("frictional", "viscous"):
+        yield row(model, compare(truth, field_of(results, f"joined-{model}"), levels, DIAMETER))
     yield ""
 
 
