@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,8 @@ from granpipe.geometry.walls import build_walls
 from granpipe.homogenize.average import Collector
 from granpipe.homogenize.bins import Bins
 from granpipe.homogenize.particle_fields import contact_counts
+from granpipe.pipeline.dump_grid import slab_grid
+from granpipe.pipeline.dump_window import Frame
 from granpipe.pipeline.field_vessel import check_vessel
 from granpipe.pipeline.health_limits import flow_limits
 from granpipe.planning.plan import Plan, make_plan, model_plans
@@ -338,6 +341,16 @@ def test_a_way_along_the_depth_is_no_shorter_than_it_is_and_spheres_at_walls_cou
     volume = np.pi / 6 * DIAMETER**3
     assert sums.volume.sum() / sums.weight == pytest.approx(volume)
     assert sums.kinetic[0] == pytest.approx(0.5 * volume * (DEPTH - 0.98 * DIAMETER) ** 2)
+
+
+def test_dumps_between_walls_fill_the_depth_of_the_case_wherever_it_begins():
+    def filled(low, high):
+        found = SimpleNamespace(low=np.array([-0.05, low, 0.0]), high=np.array([0.03, high, 0.2]), diameter=DIAMETER)
+        return slab_grid(found, Frame("xz", 0.002), outline_of()).measure
+
+    assert filled(-0.5 * DEPTH, 0.5 * DEPTH) == Measure(pytest.approx(DEPTH), axial=False, walled=True)
+    with pytest.raises(DataError, match=r"dumps are 0\.03 m deep .* the case 0\.06 m"):
+        filled(0.0, 0.5 * DEPTH)
 
 
 def plug() -> Field:
