@@ -42,7 +42,7 @@ results folder is enough (velocity, standard errors and effective blocks, cells,
 stiffness and time step that it was made with; any flow rate). Its own distance from the limit follows from the slopes
 of the points at its settings, zero along the size where its particles are the material's; its noise is in every bound.
 Where its cells are smaller than the study's, it is brought onto these by its stream function, which changes a smeared
-flow by 0.5 to 0.9 % (`pytest tests/unit/test_regrid.py`); with cells more than a quarter larger it is refused, and so
+flow by 0.5 to 1.2 % (`pytest tests/unit/test_regrid.py`); with cells more than a quarter larger it is refused, and so
 is a run of another scene or model. Where its results tell their processor time, it is an option of its own. A folder
 with no more than that is made by `python benchmarks/reactor_limit.py pack RESULTS`.
 
