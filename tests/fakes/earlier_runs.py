@@ -48,6 +48,7 @@ def results(folder: Path, changes: Callable[[dict], None] = lambda _: None, **ca
     still = replace(still, bulk=still.inside_fraction > 0)
     stored = {
         "case": "smoke",
+        "origin": {"file": "/srv/cases/smoke.yaml", "outline": "1", "case": "2"},
         "wall_seconds": 1.0,
         "quality": [{"name": "packing", "value": 0.7, "limit": "0.5 to 0.68", "passed": False}],
         "figures": {

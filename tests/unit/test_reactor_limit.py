@@ -35,6 +35,7 @@ def test_a_packed_run_is_a_small_results_folder_of_the_same_field(tmp_path: Path
         "plan.json",
         "provenance.json",
     }
+    assert json.loads((packed / "provenance.json").read_text())["origin"]["file"] == "smoke.yaml"
     reactor_limit.pack(folder, packed)  # a second time takes the place of the first
 
 
