@@ -32,7 +32,7 @@ def write_comsol(exported: Exported, folder: Path) -> Balance:
     """
     balance = balance_of(exported.field, exported.nodes)
     sections = write_interpolation(exported.nodes, folder, exported.columns, name=exported.name, date=exported.date)
-    write_lines(folder / "flow_levels.txt", _levels(balance))
+    write_lines(folder / "flow_levels.txt", _levels(balance, exported.nodes.measure.axial))
     write_lines(folder / "import_comsol.java", [_program("import_comsol.java.j2", exported, sections)])
     write_lines(folder / "import_comsol.py", [_program("import_comsol.py.j2", exported, sections)])
     return balance
@@ -106,12 +106,13 @@ def _sectionwise(nodes: Nodes, columns: list[Column]) -> Iterator[str]:
         yield from map(number, column.values.ravel()[points].tolist())
 
 
-def _levels(balance: Balance) -> Iterator[str]:
+def _levels(balance: Balance, axial: bool) -> Iterator[str]:
     """Table of the flow through every level, under a summary of what linear interpolation does to the balance."""
+    divergence = "(1/r) d(r u)/dr + dw/dz" if axial else "du/dx + dw/dz"
     yield from (
         "% Flow of bulk through every level, positive downwards, and how well the exported velocity balances",
         "% field: the field itself; grid: interpolated linearly in every cell, as the grid files and the spreadsheet",
-        "% give it; sectionwise: interpolated in the solid cells alone. Divergence: (1/r) d(r u)/dr + dw/dz of the",
+        f"% give it; sectionwise: interpolated in the solid cells alone. Divergence: {divergence} of the",
         "% interpolated bulk velocity at the centres of the solid cells that no wall cuts; false source: the integral",
         "% of its absolute value, divided by the flow rate.",
     )

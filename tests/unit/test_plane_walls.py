@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +25,8 @@ from granpipe.dem.settings import free_flow
 from granpipe.dem.snapshot import Snapshot
 from granpipe.dem.stress import bed_stress
 from granpipe.errors import CaseError, DataError, MeshError
+from granpipe.export.comsol import write_comsol
+from granpipe.export.exported import Exported
 from granpipe.field import Array, Box, Field, Measure, flux_from_psi
 from granpipe.geometry.insertion import insertion_frusta
 from granpipe.geometry.openings import find_openings
@@ -358,6 +361,11 @@ def plug() -> Field:
     inside = np.ones(GRID.shape)
     flux = flux_from_psi(psi, GRID)
     return Field(GRID, inside, inside > 0, *flux, 0.01 * 0.08 * DEPTH, 0.6, 1.0, psi=psi)
+
+
+def test_the_table_of_levels_for_comsol_has_the_divergence_of_a_slab(tmp_path: Path):
+    write_comsol(Exported(plug(), "slab", 1500.0, datetime(2026, 1, 1, tzinfo=UTC)), tmp_path)
+    assert "du/dx + dw/dz" in (tmp_path / "flow_levels.txt").read_text()
 
 
 def test_a_field_keeps_its_walls_in_a_file_and_tells_no_times(tmp_path: Path):
