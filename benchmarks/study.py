@@ -81,23 +81,19 @@ REACTOR = """\
 # The test reactor: error against run time
 
 This is what `make study-reactor` makes of `cases/reactor.yaml`, copied here by `benchmarks/study.py`; how to read it
-stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm in radius, enlarged twice. Points have
-them enlarged 1.5, 2.5 and 3 times (mean radius 4.5, 7.5 and 9 cm), other plate speeds at equal travel, softer ones,
-another filling, a lower reservoir, the hybrid and the fluid alone. {reference}
-
-With 7.5 and 9 cm the throat is narrower than five times d90, where granpipe marks coarse graining. Why shows at 7.5 cm:
-nothing passed the hopper for the last quarter of the run, an arch, so that there is no steady field.
+stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm in radius, enlarged twice; points have
+them enlarged less, another plate speed at equal travel, another filling, or are a fluid alone. With particles enlarged
+2.5 times and more the throat is narrower than five times d90, and arches. {reference}
 """
 
 REFERENCES = {
-    False: """\
-The material's own size was not run: it takes about
-sixteen times as long as the case. The reference is the point with mean radius 4.5 cm.""",
-    True: """\
-Errors count from
-[a run with the material's own particles](reactor_limit.md), which takes about sixteen times as long as the case.""",
+    False: "The reference is the point with the smallest particles.",
+    True: "Errors count from [a run with the material's own particles](reactor_limit.md), seed 1.",
 }
 """What the reactor's study says of its reference: a point of its own, or an earlier run."""
+
+README_BLOCK = "<!-- by benchmarks/study.py -->\n", "<!-- until here -->"
+"""Between these the README has the recommended settings of the reactor's study."""
 
 PAGES = {"smoke": ("study", f"{HOW_TO_READ}\n{SMOKE}"), "reactor": ("study_reactor", REACTOR)}
 
@@ -122,6 +118,17 @@ def main() -> None:
     if page == "study_reactor":
         kept = json.dumps({key: stored[key] for key in KEPT}, separators=(",", ":"))
         (ROOT / "granpipe" / "templates" / "studies" / "reactor.json").write_text(kept + "\n")
+        readme = ROOT / "README.md"
+        readme.write_text(with_settings(readme.read_text(), report))
+
+
+def with_settings(readme: str, report: str) -> str:
+    """The README with the recommended settings of a study's report."""
+    begin, end = README_BLOCK
+    before, _, rest = readme.partition(begin)
+    _, _, after = rest.partition(end)
+    table = report.partition("### Recommended settings\n")[2].partition("\n### ")[0].strip()
+    return f"{before}{begin}{table}\n{end}{after}"
 
 
 if __name__ == "__main__":
