@@ -83,7 +83,7 @@ REACTOR = """\
 This is what `make study-reactor` makes of `cases/reactor.yaml`, copied here by `benchmarks/study.py`; how to read it
 stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm in radius, enlarged twice; points have
 them enlarged less, another plate speed at equal travel, another filling, or are a fluid alone. With particles enlarged
-2.5 times and more the throat is narrower than five times d90, and arches. {reference}
+2.5 times and more the throat is narrower than five times d90, which granpipe marks. {reference}
 """
 
 REFERENCES = {

@@ -9,6 +9,13 @@ from typing import Any
 from granpipe.study.budget import TOLERANCES, ErrorBound, Option, pareto, percent
 from granpipe.system.surroundings import own_style
 
+DURATIONS = (
+    (1.0, "s", (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)),
+    (60.0, "min", (1.0, 3.0, 10.0, 30.0)),
+    (3600.0, "h", (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)),
+)
+"""Seconds of a unit, its name, and where an axis of times has its ticks in it."""
+
 
 @own_style({})
 def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
@@ -48,7 +55,7 @@ def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
         axes.axhline(tolerance, color="grey", linewidth=0.4)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    _readable(axes.xaxis, lambda seconds: f"{seconds:g} s" if seconds < 100 else f"{seconds / 60:.3g} min")
+    _durations(axes.xaxis)
     _readable(axes.yaxis, percent)
     axes.set_xlabel("time × cores")
     axes.set_ylabel("error of the field, whole vessel")
@@ -92,6 +99,17 @@ def draw_effects(effects: Sequence[tuple[str, float, ErrorBound]], path: Path) -
     axes.set_ylabel("difference from the case (a dash: below it)")
     axes.grid(alpha=0.3, which="both")
     figure.savefig(path, dpi=120)
+
+
+def _durations(axis: Any) -> None:
+    """Ticks of a logarithmic axis of seconds at 1, 3, 10 and 30 of a unit that fits."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
+
+    ticks = {factor * unit: f"{factor:g} {name}" for unit, name, factors in DURATIONS for factor in factors}
+    axis.set_major_locator(FixedLocator(list(ticks)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: ticks.get(value, "")))
+    axis.set_minor_locator(NullLocator())
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _readable(axis: Any, text: Callable[[float], str]) -> None:
