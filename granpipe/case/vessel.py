@@ -27,6 +27,7 @@ CAD = (*STEP, ".brep")
 
 _KEY = ("vessel", "file")
 _NO_OUTLINE = {"symmetry": "space"}  # in place of an outline
+_WRITTEN_KEYS = {"unit", "symmetry", "obstacles", "sections"}  # that every written case has in it
 
 
 class OutletSpec(Group):
@@ -106,12 +107,12 @@ def with_vessel(data: dict[str, Any], places: Places, folder: Path) -> None:
 
 def _is_no_outline(outline: Any) -> bool:
     """Whether it is what a case that granpipe wrote has in place of an outline; keys that came later may be missing."""
-    if not isinstance(outline, Mapping) or outline.get("symmetry") != "space":
+    if outline == _NO_OUTLINE:
+        return True
+    if not isinstance(outline, Mapping) or not outline.keys() >= _WRITTEN_KEYS:
         return False
-    try:
-        return OutlineSpec.model_validate(outline) == OutlineSpec.model_validate(_NO_OUTLINE)
-    except ValueError:
-        return False
+    written = OutlineSpec.model_validate(_NO_OUTLINE).model_dump(mode="json", exclude_none=True)
+    return written | dict(outline) == written
 
 
 def vessel_triangles(spec: VesselSpec) -> tuple[Points, Any]:
