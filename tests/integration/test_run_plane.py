@@ -113,12 +113,12 @@ def test_stress_and_walls_bear_the_bed_with_contacts_through_the_periodic_faces(
 
 @pytest.mark.slow
 def test_discharge_is_that_of_the_stated_depth(tmp_path: Path) -> None:
-    """1.03 ρ_b √g L (w − 1.4 d)^1.5 within a quarter for so short a run of so narrow a slot, L = 1 m."""
+    """1.03 ρ_b √g L (w − 1.4 d)^1.5, L = 1 m, or up to two fifths more: the law is that of flat floors, not of hoppers."""
     changes = SMALL | {
         "dem.outlet": "open", "dem.max_time": "0.9 s", "homogenize.cell": "2.5 mm", "homogenize.start": "0.3 s",
         "export": "[]",
     }  # fmt: skip
     figures = provenance(run(read_case(CASE, changes), tmp_path)[0].folder)["figures"]
     law = 1.03 * figures["bulk_density_kg_per_m3"] * np.sqrt(9.81) * (0.030 - 1.4 * 0.005) ** 1.5
-    assert figures["discharge"]["kg_per_s"] == pytest.approx(law, rel=0.25)
+    assert 0.9 * law < figures["discharge"]["kg_per_s"] < 1.4 * law
     assert figures["discharge"]["kg_per_s"] == pytest.approx(figures["discharge"]["counted_kg_per_s"], rel=0.02)
