@@ -113,7 +113,7 @@ def test_stress_and_walls_bear_the_bed_with_contacts_through_the_periodic_faces(
 
 @pytest.mark.slow
 def test_discharge_is_that_of_the_stated_depth(tmp_path: Path) -> None:
-    """1.03 ρ_b √g L (w − 1.4 d)^1.5, L = 1 m, or up to two fifths more: the law is that of flat floors, not of hoppers."""
+    """1.03 ρ_b √g L (w − 1.4 d)^1.5, L = 1 m, or up to two fifths more: the law is for flat floors."""
     changes = SMALL | {
         "dem.outlet": "open", "dem.max_time": "0.9 s", "homogenize.cell": "2.5 mm", "homogenize.start": "0.3 s",
         "export": "[]",
