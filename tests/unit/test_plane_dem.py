@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fakes.cases import case_of
 
-from granpipe.case.reader import resolve, varied
+from granpipe.case.reader import varied
 from granpipe.case.schema import Case
-from granpipe.case.yamlfile import Places
 from granpipe.dem.deck import Deck, make_deck, render
 from granpipe.dem.snapshot import Snapshot
 from granpipe.dem.stress import bed_stress
@@ -49,10 +49,7 @@ def slab(**changes: object) -> Case:
         "flow_rate": "0.01 m^3/h",
         "model": "dem",
     }
-    for key, value in changes.items():
-        group, _, name = key.partition("__")
-        case[group] = {**case.get(group, {}), name: value} if name else value
-    return resolve(case, Places("slab.yaml"), {}).case
+    return case_of(case, **changes)
 
 
 def planned(**changes: object) -> Plan:

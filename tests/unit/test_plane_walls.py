@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from fakes.cases import case_of
 
 from granpipe.analysis.residence_time import residence_time
 from granpipe.analysis.streamlines import age
-from granpipe.case.reader import resolve
 from granpipe.case.schema import Case
-from granpipe.case.yamlfile import Places
 from granpipe.dem.contacts import Contacts
 from granpipe.dem.deck import Deck, make_deck, render
 from granpipe.dem.settings import free_flow
@@ -79,10 +78,7 @@ def slab(**changes: object) -> Case:
         "flow_rate": "0.001 m^3/h",
         "model": "dem",
     }  # fmt: skip
-    for key, value in changes.items():
-        group, _, name = key.partition("__")
-        case[group] = {**case.get(group, {}), name: value} if name else value
-    return resolve(case, Places("slab.yaml"), {}).case
+    return case_of(case, **changes)
 
 
 def planned(**changes: object) -> Plan:

@@ -42,6 +42,14 @@ def plan(case: Case) -> Plan:
     return make_plan(case)
 
 
+def case_with(vessel: str, folder: Path) -> Path:
+    """The file of the two outlets' case with another vessel."""
+    text = (CASES / "two_outlets.yaml").read_text()
+    begin, end = text.index("vessel:"), text.index("material:")
+    (folder / "case.yaml").write_text(f"{text[:begin]}vessel: {vessel}\n\n{text[end:]}")
+    return folder / "case.yaml"
+
+
 def test_the_resolved_case_is_read_again_as_the_same(case: Case, tmp_path: Path) -> None:
     (tmp_path / "case.yaml").write_text(case.to_yaml())
     assert load_case(tmp_path / "case.yaml") == case
@@ -49,10 +57,7 @@ def test_the_resolved_case_is_read_again_as_the_same(case: Case, tmp_path: Path)
 
 def test_walls_that_were_changed_since_are_refused(tmp_path: Path) -> None:
     write_stl(tmp_path / "walls.stl", square_hopper())
-    text = (CASES / "two_outlets.yaml").read_text()
-    begin, end = text.index("vessel:"), text.index("material:")
-    (tmp_path / "case.yaml").write_text(f"{text[:begin]}vessel: {{file: walls.stl, unit: mm}}\n\n{text[end:]}")
-    resolved = load_case(tmp_path / "case.yaml").to_yaml()
+    resolved = load_case(case_with("{file: walls.stl, unit: mm}", tmp_path)).to_yaml()
     write_stl(tmp_path / "walls.stl", 2 * square_hopper())
     (tmp_path / "resolved.yaml").write_text(resolved)
     with pytest.raises(CaseError, match="is not the file any more"):
@@ -251,11 +256,8 @@ def test_a_step_file_of_the_inside_is_opened_at_top_and_bottom(tmp_path: Path) -
     """A round hopper, drawn in mm: its areas are those of 48 chords, its case one whose unit is that of `at` alone."""
     wall = [(30.0, 80.0), (30.0, 50.0), (18.0, 0.0)]
     write_step(tmp_path / "walls.step", [(r / 1000, z / 1000) for r, z in wall], {}, turned=True)
-    text = (CASES / "two_outlets.yaml").read_text()
-    begin, end = text.index("vessel:"), text.index("material:")
-    vessel = "vessel: {file: walls.step, unit: mm, outlets: {out: {at: [5, 0, 0], share: 1}}}"
-    (tmp_path / "case.yaml").write_text(f"{text[:begin]}{vessel}\n\n{text[end:]}")
-    made = make_plan(load_case(tmp_path / "case.yaml")).space
+    vessel = "{file: walls.step, unit: mm, outlets: {out: {at: [5, 0, 0], share: 1}}}"
+    made = make_plan(load_case(case_with(vessel, tmp_path))).space
     assert made is not None
     assert made.outlets[0].opening.area == pytest.approx(np.pi * 0.018**2, rel=0.01)
     assert made.inlet.area == pytest.approx(np.pi * 0.030**2, rel=0.01)
@@ -286,11 +288,8 @@ def test_a_step_file_of_anything_but_the_inside_is_refused(
         gmsh.model.occ.synchronize()
         gmsh.option.setString("Geometry.OCCTargetUnit", "M")
         gmsh.write(str(tmp_path / "walls.step"))
-    text = (CASES / "two_outlets.yaml").read_text()
-    begin, end = text.index("vessel:"), text.index("material:")
-    (tmp_path / "case.yaml").write_text(f"{text[:begin]}vessel: {{file: walls.step}}\n\n{text[end:]}")
     with pytest.raises(CaseError, match=says) as error:
-        make_plan(load_case(tmp_path / "case.yaml"))
+        make_plan(load_case(case_with("{file: walls.step}", tmp_path)))
     assert error.value.key == ("vessel", "file")
 
 
@@ -305,11 +304,8 @@ def test_a_step_file_of_anything_but_the_inside_is_refused(
 )
 def test_files_that_are_no_walls_are_refused(tmp_path: Path, name: str, content: bytes, says: str) -> None:
     (tmp_path / name).write_bytes(content)
-    text = (CASES / "two_outlets.yaml").read_text()
-    begin, end = text.index("vessel:"), text.index("material:")
-    (tmp_path / "case.yaml").write_text(f"{text[:begin]}vessel: {{file: {name}, unit: mm}}\n\n{text[end:]}")
     with pytest.raises(CaseError, match=says) as error:
-        make_plan(load_case(tmp_path / "case.yaml"))
+        make_plan(load_case(case_with(f"{{file: {name}, unit: mm}}", tmp_path)))
     assert error.value.key == ("vessel", "file")
 
 

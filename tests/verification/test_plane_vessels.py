@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fakes.cases import changed_data
 from fakes.plane_flow import DEPTH, HEIGHT, NARROW, WIDE, PlaneFlow
 from fakes.slab_mesh import slab_between
 
@@ -161,9 +162,7 @@ def slab(**changes: object) -> Case:
         "material": {"density": 2500, "bulk_density": 1500, "size": {"diameter": 0.005}},
         "flow_rate": "1 m^3/h",
     }
-    for key, value in changes.items():
-        group, _, name = key.partition("__")
-        case[group] = {**case.get(group, {}), name: value} if name else value
+    case = changed_data(case, changes)
     case["outline"] = {key: value for key, value in case["outline"].items() if value is not None}
     return resolve(case, Places("slab.yaml"), {}).case
 
