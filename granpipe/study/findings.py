@@ -424,11 +424,9 @@ class Comparison:
 
     def _alike(self, one: StudyPoint, other: StudyPoint) -> bool:
         """Whether two points are of the same runs."""
-        earlier = [point for point in (one, other) if point.axis == REFERENCE]
-        if not earlier or one is other:
+        if one is other or self.earlier is None or REFERENCE not in (one.axis, other.axis):
             return _runs(one) == _runs(other)
-        assert self.earlier is not None
-        return self.earlier.is_of(next(point for point in (one, other) if point is not earlier[0]).plan)
+        return self.earlier.is_of(other.plan if one.axis == REFERENCE else one.plan)
 
     def systematic(self, field: Field, point: StudyPoint) -> ErrorBounds:
         """Difference of a field of a point from the limit, at most: from the reference, and from there to the limit.

@@ -53,8 +53,8 @@ class EarlierRun:
     blocks : effective blocks that its standard errors rest on
     travel : plate travel averaged [m]
     time : simulated time of production up to the end of the average [s]
-    seconds : processor time of its slowest chain for each rank, filling included; None where it is not told
-    cores : how many its chains kept busy side by side
+    seconds : processor time of its slowest replica for each rank, filling included; None where it is not told
+    cores : how many its replicas kept busy side by side
     failed : quality gates that it failed
     """
 
@@ -174,7 +174,7 @@ def read_run(folder: Path) -> EarlierRun:
         what = "stream function" if field.psi is None else "standard error"
         raise DataError(f"{folder}: its field has no {what}; run it with homogenize.method: psi, and longer")
     figures = read_json(folder / "provenance.json", _Measured).figures
-    chains = figures.processor_seconds or []
+    replicas = figures.processor_seconds or []
     return EarlierRun(
         folder=folder,
         plan=_as_made(case, planned.dem, folder),
@@ -182,8 +182,8 @@ def read_run(folder: Path) -> EarlierRun:
         blocks=figures.effective_blocks,
         travel=figures.averaged_plate_travel_m,
         time=figures.averaged_to_s,
-        seconds=max(chains) / planned.dem.ranks if chains else None,
-        cores=planned.dem.ranks * max(1, len(chains)),
+        seconds=max(replicas) / planned.dem.ranks if replicas else None,
+        cores=planned.dem.ranks * max(1, len(replicas)),
         failed=tuple(str(gate) for gate in provenance.quality if not gate.passed),
     )
 
