@@ -436,7 +436,7 @@ def _not_fit(plan: Data | None, provenance: Data) -> Iterator[Section]:
         limits.append(
             "Motion of single particles, mixing by their random motion, segregation: the field is an average."
         )
-        limits += _one_way(provenance.get("field", {}), "conserving_changes" in provenance["figures"])
+        limits += _one_way(provenance.get("field", {}), in_space(provenance["figures"]))
     else:
         limits.append("Stagnant zones and free surfaces: a fluid fills the vessel and moves everywhere.")
     voids = sum(one["void_m2"] for one in provenance.get("field", {}).get("sections", {}).values())
@@ -450,9 +450,14 @@ def _not_fit(plan: Data | None, provenance: Data) -> Iterator[Section]:
         yield Section("Keep in mind", items=told)
 
 
-def _one_way(field: Data, in_space: bool) -> list[str]:
+def in_space(figures: Data) -> bool:
+    """Whether a run's figures are those of a field in space: of such a one alone they tell what conserving changed."""
+    return "conserving_changes" in figures
+
+
+def _one_way(field: Data, spatial: bool) -> list[str]:
     """What the field does not know, for it is a mean along one coordinate; nothing of one in space."""
-    if in_space:
+    if spatial:
         return []
     if field.get("front_and_back_walls"):
         return [

@@ -47,9 +47,9 @@ def write_text(field: Field, folder: Path, *, name: str, date: datetime) -> None
     """Write the Spreadsheet format: bulk and particle velocity and packing at the middles of the cells."""
     grid, packing = box_of(field), _packing(field)
     z, y, x = np.meshgrid(*map(_middles, (grid.z_edges, grid.y_edges, grid.r_edges)), indexing="ij")
-    columns = []
+    columns, per_solids = [], _per_solids(field)
     for letter, axis, flux in zip("uvw", "xyz", cell_fluxes(field), strict=True):
-        bulk, own = flux * field.velocity_scale, flux * _per_solids(field)
+        bulk, own = flux * field.velocity_scale, flux * per_solids
         columns.append(Column(f"{letter}_bulk", "m/s", f"Bulk velocity along {axis}", bulk))
         columns.append(Column(f"{letter}_particle", "m/s", f"Particle velocity along {axis}", own))
     columns.append(Column("packing", "1", "Solids fraction", packing))

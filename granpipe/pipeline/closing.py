@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from shlex import quote
 
-from granpipe.export.run_report import PROGRAMS
+from granpipe.export.run_report import PROGRAMS, in_space
 from granpipe.pipeline.provenance import Provenance
 
 
@@ -27,16 +27,16 @@ def closing_text(folder: Path) -> str:
     if failed:
         rows.append(("next", "open the report; it says what each failed gate means and what to change"))
     else:
-        steps = _next(folder, "conserving_changes" in provenance.figures)
+        steps = _next(folder, in_space(provenance.figures))
         rows += [("next" if number == 0 else "", step) for number, step in enumerate(steps)]
     return "\n".join(f"  {name:<7} {text}" for name, text in rows)
 
 
-def _next(folder: Path, in_space: bool) -> list[str]:
+def _next(folder: Path, spatial: bool) -> list[str]:
     """What to do with a field that is good to use: any one of the ways that its files offer."""
     comsol = folder / "comsol"
     steps = ["open the report, then use the field in one of these ways"]
-    if comsol.is_dir() and in_space:
+    if comsol.is_dir() and spatial:
         steps.append(f"COMSOL Desktop by hand: load the files of {comsol} as docs/how-to/vessels-in-space.md says")
     elif comsol.is_dir():
         steps += [
@@ -48,5 +48,5 @@ def _next(folder: Path, in_space: bool) -> list[str]:
     programs = [f"{name}/ ({text})" for name, text in PROGRAMS.items() if (folder / name).is_dir()]
     if programs:
         steps.append(f"{', '.join(programs)} in {folder}: docs/how-to/other-programs.md")
-    steps.append(f"Python: granpipe.load_result({str(folder)!r}).field.velocity({'x, y, z' if in_space else 'r, z'})")
+    steps.append(f"Python: granpipe.load_result({str(folder)!r}).field.velocity({'x, y, z' if spatial else 'r, z'})")
     return steps
