@@ -221,17 +221,14 @@ def slot(width: int) -> CaseFile:
 
 def joined(model: str) -> CaseFile:
     """A bin and a hopper above a chamber to both sides: particles everywhere, or below the throat alone."""
-    path = ROOT / "results" / "plane_vessels" / "joined.yaml"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(JOINED)
-    return read_case(path, {"name": f"joined-{model}"} | JOINED_MODELS[model])
+    return written("joined", JOINED, {"name": f"joined-{model}"} | JOINED_MODELS[model])
 
 
-def written(name: str, text: str) -> CaseFile:
+def written(name: str, text: str, changes: Mapping[str, str] | None = None) -> CaseFile:
     path = ROOT / "results" / "plane_vessels" / f"{name}.yaml"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
-    return read_case(path)
+    return read_case(path, changes)
 
 
 def figures_of(folder: Path) -> dict[str, Any]:

@@ -9,7 +9,6 @@ hybrid that follows the stored field, and combinations of them; it writes docs/v
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import tempfile
 import time
@@ -43,7 +42,7 @@ from granpipe.planning.flow import target_flow
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Silent, duration_text
 from granpipe.study.reference import FILES, EarlierRun, read_run, scene_differences
-from granpipe.system.jsonfile import read_json
+from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.manifest import verify
 from granpipe.system.publish import renewing
 from granpipe.system.store import Store
@@ -102,10 +101,6 @@ fluid at the material's size; *size by the fluid* is the run, plus the fluid at 
 the run's. Processor time is that of LIGGGHTS, filling included where the results tell it, or that of the fluid.
 """
 
-NOT_YET = """\
-Not measured yet: the run with the material's own particles, about 90 000 of them, takes some two hours of two cores.
-"""
-
 
 @dataclass(frozen=True)
 class Entry:
@@ -156,9 +151,9 @@ def pack(folder: Path, target: Path) -> None:
         lean(run.field).save(aside / "field.npz")
         for name in FILES[1:]:
             shutil.copyfile(folder / name, aside / name)
-        told = json.loads((aside / "provenance.json").read_text())
+        told = read_json(folder / "provenance.json")
         told["origin"]["file"] = Path(told["origin"]["file"]).name  # its folder is that of one machine
-        (aside / "provenance.json").write_text(json.dumps(told, indent=2) + "\n")
+        write_json(aside / "provenance.json", told)
     size = sum(file.stat().st_size for file in target.iterdir())
     print(f"{target}: {size / 1e3:.0f} kB")
     for gate in run.failed:
@@ -198,8 +193,6 @@ def rounded(values: Array, places: int) -> Array:
 
 
 def page(limit_folder: Path, folders: Sequence[Path]) -> str:
-    if not limit_folder.exists():
-        return HEAD.format(made=NOT_YET.rstrip())
     limit = read_run(limit_folder)
     made = f"Made by `benchmarks/reactor_limit.py page` on {datetime.now(UTC):%Y-%m-%d}."
     with tempfile.TemporaryDirectory() as scratch:

@@ -83,14 +83,9 @@ REACTOR = """\
 This is what `make study-reactor` makes of `cases/reactor.yaml`, copied here by `benchmarks/study.py`; how to read it
 stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm in radius, enlarged twice; points have
 them enlarged less, another plate speed at equal travel, another filling, or are a fluid alone. With particles enlarged
-2.5 times and more the throat is narrower than five times d90, which granpipe marks. {reference}
+2.5 times and more the throat is narrower than five times d90, which granpipe marks. Errors count
+from [a run with the material's own particles](reactor_limit.md), seed 1.
 """
-
-REFERENCES = {
-    False: "The reference is the point with the smallest particles.",
-    True: "Errors count from [a run with the material's own particles](reactor_limit.md), seed 1.",
-}
-"""What the reactor's study says of its reference: a point of its own, or an earlier run."""
 
 README_BLOCK = "<!-- by benchmarks/study.py -->\n", "<!-- until here -->"
 """Between these the README has the recommended settings of the reactor's study."""
@@ -105,7 +100,6 @@ def main() -> None:
     options = parser.parse_args()
     stored = json.loads((options.study / "study.json").read_text())
     page, head = PAGES[stored["case"]["name"]]
-    head = head.replace("{reference}", REFERENCES[stored.get("earlier") is not None])
     docs = ROOT / "docs" / "validation"
     charts = []
     for chart, title in (("error_time", "Error against time"), ("effects", "What each change costs and does")):
