@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from granpipe.case.schema import Case
+from granpipe.dem.sizes import size_classes
 from granpipe.errors import DataError
 from granpipe.field import level_flow
 from granpipe.homogenize.average import Sums, merge
@@ -88,8 +89,21 @@ def average_gates(case: Case, averaged: AveragedField, steady: Sums) -> list[Gat
     )
     if target is not None:
         errors, effective = averaged.figures.get("statistical_error", {}), averaged.figures["effective_blocks"]
-        gates += error_gates(errors, effective, target, steady.duration)
+        gates += error_gates(
+            errors, effective, slowest_travel(averaged, steady, _particle(case)), target, steady.duration
+        )
     return gates
+
+
+def slowest_travel(averaged: AveragedField, steady: Sums, diameter: float) -> float:
+    """How far the level that holds the most solids went during the average, in particle diameters [m]."""
+    area = steady.mean_volume.reshape(len(steady.mean_volume), -1).sum(axis=1).max() / steady.grid.cell
+    return float(averaged.plug.solids_flow * steady.duration / (area * diameter))
+
+
+def _particle(case: Case) -> float:
+    """Sauter diameter of the simulated particles [m]."""
+    return size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
 
 
 class StatisticalErrorCriterion:
@@ -114,4 +128,7 @@ class StatisticalErrorCriterion:
         whole = merge(steady)
         reached = all(gate.passed for gate in average_gates(plan.case, averaged, whole))
         effective = averaged.figures["effective_blocks"]
-        return Convergence(errors, reached, missing_time(errors, effective, target, whole.duration))
+        missing = missing_time(
+            errors, effective, slowest_travel(averaged, whole, _particle(plan.case)), target, whole.duration
+        )
+        return Convergence(errors, reached, missing)

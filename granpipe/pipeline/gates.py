@@ -118,6 +118,14 @@ BLOCKS = Limit(
     "Of how many independent stretches the error is made: an error bar from 20 is itself uncertain by 16 %.",
     low=20,
 )
+TRAVEL = Limit(
+    "way of the slowest level during the average, in particle diameters",
+    PARTICLES,
+    "An error that is told by how a run scatters in time holds nothing of what changes more slowly than the run is "
+    "long: how the particles lie. Over less than two diameters, fields of four seeds in two vessels scatter by up to "
+    "1.7 times the error that they tell (1.9 in the worst section); see `benchmarks/short_averages.py`.",
+    low=2,
+)
 SIZE_SHARE = Limit(
     "mass share of the worst size class, deviation",
     PARTICLES,
@@ -342,6 +350,7 @@ GATES = (
     STORAGE,
     STATISTICAL_ERROR,
     BLOCKS,
+    TRAVEL,
     FORCES_BALANCE,
     DISCHARGE,
     PACKING,
@@ -432,28 +441,33 @@ def level_flow_gates(raw_flow: Array, gathered: Array, solids_flow: float, durat
     return [LEVEL_FLOW.gate(float(balance.max())), STORAGE.gate(storage, remedy=remedy)]
 
 
-def error_gates(errors: Mapping[str, float], effective: float, target: float, duration: float) -> list[Gate]:
-    """Statistical error of the worst section and of the whole, and on how many independent blocks it rests.
+def error_gates(
+    errors: Mapping[str, float], effective: float, travel: float, target: float, duration: float
+) -> list[Gate]:
+    """Statistical error of the worst section and of the whole, and on how much it rests.
 
     Parameters
     ----------
     errors : section → statistical error of the final field; empty where it is not known
     effective : independent blocks
+    travel : way of the slowest level during the average, in particle diameters
     target : the error that the case allows
     duration : simulated time that was averaged [s], for a forecast of what is missing
     """
     worst = max(errors, key=errors.__getitem__, default="whole")
-    missing = missing_time(errors, effective, target, duration)
+    missing = missing_time(errors, effective, travel, target, duration)
     remedy = "" if missing == 0 else f"dem.max_time: about {missing:.3g} s more"
     return [
         replace(STATISTICAL_ERROR, high=target).gate(errors.get(worst, math.inf), f", section {worst}", remedy),
         BLOCKS.gate(effective, remedy=remedy),
+        TRAVEL.gate(travel, remedy=remedy),
     ]
 
 
-def missing_time(errors: Mapping[str, float], effective: float, target: float, duration: float) -> float:
+def missing_time(errors: Mapping[str, float], effective: float, travel: float, target: float, duration: float) -> float:
     """Simulated time [s] that an average still lacks, its error falling with the square root of its length."""
-    share = max((max(errors.values(), default=math.inf) / target) ** 2, BLOCKS.low / effective)
+    error = (max(errors.values(), default=math.inf) / target) ** 2
+    share = max(error, BLOCKS.low / effective, TRAVEL.low / travel if travel > 0 else math.inf)
     return duration * max(0.0, share - 1)
 
 
@@ -527,6 +541,12 @@ def run_notes(figures: Mapping[str, Any]) -> list[str]:
     if few:
         sections = ", ".join(f"{name} {turned:.2g}" for name, turned in few.items())
         notes.append(f"turned over less than once during the average, so it may depend on the filling: {sections}")
+    travel = figures.get("slowest_travel_diameters", TRAVEL.low)
+    if "statistical_error" in figures and not travel >= TRAVEL.low:
+        notes.append(
+            f"during the average the widest level moved by {travel:.2g} particle diameters: below {TRAVEL.low:g} the "
+            "statistical error is told too small"
+        )
     given, found = figures.get("bulk_packing"), figures.get("measured_packing")
     if given is not None and found is not None and abs(found / given - 1) > PACKING_APART.high:
         notes.append(

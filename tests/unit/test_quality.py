@@ -12,28 +12,37 @@ SECTIONS = {"whole": 0.04, "a": 0.03, "b": 0.06}
 
 
 def test_the_worst_section_decides():
-    error, blocks = error_gates(SECTIONS, effective=25, target=0.05, duration=10.0)
+    error, blocks, travel = error_gates(SECTIONS, effective=25, travel=3, target=0.05, duration=10.0)
     assert (error.name, error.value, error.passed) == ("statistical error, section b", 0.06, False)
     assert blocks.passed
-    assert all(gate.passed for gate in error_gates(SECTIONS, effective=25, target=0.06, duration=10.0))
+    assert travel.passed
+    assert all(gate.passed for gate in error_gates(SECTIONS, effective=25, travel=3, target=0.06, duration=10.0))
 
 
 def test_an_error_bar_on_few_blocks_is_not_enough():
-    error, blocks = error_gates(SECTIONS, effective=19.9, target=0.1, duration=10.0)
+    error, blocks, _ = error_gates(SECTIONS, effective=19.9, travel=3, target=0.1, duration=10.0)
     assert error.passed
     assert not blocks.passed
 
 
+def test_an_error_bar_of_a_bed_that_hardly_moved_is_not_enough():
+    error, blocks, travel = error_gates(SECTIONS, effective=25, travel=1.0, target=0.1, duration=10.0)
+    assert error.passed
+    assert blocks.passed
+    assert not travel.passed
+    assert "about 10 s more" in travel.limit  # twice as far
+
+
 def test_an_unknown_error_is_not_enough():
-    assert not error_gates({}, effective=25, target=0.5, duration=10.0)[0].passed
+    assert not error_gates({}, effective=25, travel=3, target=0.5, duration=10.0)[0].passed
 
 
 @pytest.mark.parametrize(
-    ("target", "effective", "missing"),
-    [(0.06, 20, 0.0), (0.03, 40, 30.0), (0.06, 5, 30.0), (0.02, 10, 80.0)],  # (error/target)² or 20/blocks times 10 s
-)
-def test_the_missing_time_follows_from_the_square_root_law(target, effective, missing):
-    assert missing_time(SECTIONS, effective, target, 10.0) == pytest.approx(missing)
+    ("target", "effective", "travel", "missing"),
+    [(0.06, 20, 2, 0.0), (0.03, 40, 2, 30.0), (0.06, 5, 9, 30.0), (0.02, 10, 3, 80.0), (0.06, 20, 0.5, 30.0)],
+)  # the most of (error/target)², 20/blocks and 2 diameters/travel, times 10 s
+def test_the_missing_time_follows_from_the_square_root_law(target, effective, travel, missing):
+    assert missing_time(SECTIONS, effective, travel, target, 10.0) == pytest.approx(missing)
 
 
 def sums(start: float, run: int = 0) -> Sums:
