@@ -41,7 +41,7 @@ Made by `benchmarks/short_averages.py run` and `page` on {date}.
 The statistical error of a run is made of how it scatters in time. What changes more slowly than the run is long is not
 in it: how the particles lie, which only motion by some diameters changes. Here stretches of four runs of one case, with
 four seeds, are averaged, and the scatter of the four fields is set against the error that they tell, both as E of one
-field. *From* and *over* are the way of the widest level, in particle diameters, after the faster start. Ratios are
+field. *From* and *over* are travel of the widest level, in particle diameters, after the faster start. Ratios are
 scatter over error: above 1 the error that is told is too small.
 
 **What it says.** Over less than two diameters fields scatter by {short} times the error that they tell, in the worst
@@ -112,12 +112,12 @@ def finished(name: str, results: Path) -> tuple[Plan, list[list[Sums]]]:
 def stretches(plan: Plan, runs: list[list[Sums]]) -> Iterator[tuple[float, float, dict[str, tuple[float, float]]]]:
     """Where stretches begin, how long they are; section → scatter of the fields, and the error that they tell."""
     dem, outline = plan.dem, plan.outline
-    way = dem.plate_speed * dem.segment_steps * dem.time_step * outline.outlet_area / outline.widest_area()
-    way /= dem.classes.sauter_diameter
+    travel = dem.plate_speed * dem.segment_steps * dem.time_step * outline.outlet_area / outline.widest_area()
+    travel /= dem.classes.sauter_diameter
     for begin in BEGINS:
         for length in LENGTHS:
-            first = dem.segments_left_out + round(begin / way)
-            fields = [field_of(plan, run[first : first + round(length / way)]) for run in runs]
+            first = dem.segments_left_out + round(begin / travel)
+            fields = [field_of(plan, run[first : first + round(length / travel)]) for run in runs]
             known = [one for one in fields if one is not None]
             if len(known) == len(runs):
                 yield begin, length, scatter(plan, known)

@@ -90,12 +90,12 @@ def average_gates(case: Case, averaged: AveragedField, steady: Sums) -> list[Gat
     if target is not None:
         errors, effective = averaged.figures.get("statistical_error", {}), averaged.figures["effective_blocks"]
         gates += error_gates(
-            errors, effective, slowest_travel(averaged, steady, _particle(case)), target, steady.duration
+            errors, effective, widest_level_travel(averaged, steady, _particle(case)), target, steady.duration
         )
     return gates
 
 
-def slowest_travel(averaged: AveragedField, steady: Sums, diameter: float) -> float:
+def widest_level_travel(averaged: AveragedField, steady: Sums, diameter: float) -> float:
     """How far the level that holds the most solids went during the average, in particle diameters [m]."""
     area = steady.mean_volume.reshape(len(steady.mean_volume), -1).sum(axis=1).max() / steady.grid.cell
     return float(averaged.plug.solids_flow * steady.duration / (area * diameter))
@@ -129,6 +129,6 @@ class StatisticalErrorCriterion:
         reached = all(gate.passed for gate in average_gates(plan.case, averaged, whole))
         effective = averaged.figures["effective_blocks"]
         missing = missing_time(
-            errors, effective, slowest_travel(averaged, whole, _particle(plan.case)), target, whole.duration
+            errors, effective, widest_level_travel(averaged, whole, _particle(plan.case)), target, whole.duration
         )
         return Convergence(errors, reached, missing)

@@ -29,7 +29,7 @@ from granpipe.pipeline.averages import (
     steady_segments,
 )
 from granpipe.pipeline.context import Context
-from granpipe.pipeline.convergence import StatisticalErrorCriterion, average_gates, slowest_travel
+from granpipe.pipeline.convergence import StatisticalErrorCriterion, average_gates, widest_level_travel
 from granpipe.pipeline.dem_stages import finished_productions, simulate
 from granpipe.pipeline.discharge import Discharge, measure_discharge
 from granpipe.pipeline.extra_fields import ExtraSums
@@ -121,7 +121,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     if plan.case.material.packing is not None:
         packing = measured_packing_of(plan, whole)
     figures |= {"bulk_packing": averaged.plug.packing, "measured_packing": packing}
-    figures["slowest_travel_diameters"] = slowest_travel(averaged, whole, settings.classes.sauter_diameter)
+    figures["widest_level_travel_diameters"] = widest_level_travel(averaged, whole, settings.classes.sauter_diameter)
     changed = None
     if plan.space is None:
         changed = smoothing_change(averaged.field, steady, settings.classes.sauter_diameter)

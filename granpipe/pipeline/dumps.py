@@ -22,7 +22,7 @@ from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.psi_field import psi_field
 from granpipe.pipeline.averages import AveragedField, averaged_field, smoothing_change
-from granpipe.pipeline.convergence import average_gates, slowest_travel
+from granpipe.pipeline.convergence import average_gates, widest_level_travel
 from granpipe.pipeline.dem_field import run_statistics
 from granpipe.pipeline.dump_average import Homogenized, inside_outline, most_segments, summed_dumps, told_of
 from granpipe.pipeline.dump_checks import (
@@ -134,7 +134,7 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     gates = [*frame_marks, *time_gate(found), *_average_gates(case, averaged, segments, found.diameter, figures)]
     gates += [*solids_gate(found, held_solids(field), frame), PACKING.gate(field.bulk_packing)]
     figures |= {"largest_packing": densest, "solids_outside_the_walls": outside}
-    figures["slowest_travel_diameters"] = slowest_travel(averaged, merge(segments), found.diameter)
+    figures["widest_level_travel_diameters"] = widest_level_travel(averaged, merge(segments), found.diameter)
     told = told_of(field, case.homogenize.method, gates, found, collector, figures)
     if case.outline.depth is not None:
         told = replace(told, field=told.field.of_depth(case.outline.depth))

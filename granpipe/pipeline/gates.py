@@ -119,7 +119,7 @@ BLOCKS = Limit(
     low=20,
 )
 TRAVEL = Limit(
-    "way of the slowest level during the average, in particle diameters",
+    "travel of the widest level during the average, in particle diameters",
     PARTICLES,
     "An error that is told by how a run scatters in time holds nothing of what changes more slowly than the run is "
     "long: how the particles lie. Over less than two diameters, fields of four seeds in two vessels scatter by up to "
@@ -450,7 +450,7 @@ def error_gates(
     ----------
     errors : section → statistical error of the final field; empty where it is not known
     effective : independent blocks
-    travel : way of the slowest level during the average, in particle diameters
+    travel : of the widest level during the average, in particle diameters
     target : the error that the case allows
     duration : simulated time that was averaged [s], for a forecast of what is missing
     """
@@ -541,7 +541,7 @@ def run_notes(figures: Mapping[str, Any]) -> list[str]:
     if few:
         sections = ", ".join(f"{name} {turned:.2g}" for name, turned in few.items())
         notes.append(f"turned over less than once during the average, so it may depend on the filling: {sections}")
-    travel = figures.get("slowest_travel_diameters", TRAVEL.low)
+    travel = figures.get("widest_level_travel_diameters", TRAVEL.low)
     if "statistical_error" in figures and not travel >= TRAVEL.low:
         notes.append(
             f"during the average the widest level moved by {travel:.2g} particle diameters: below {TRAVEL.low:g} the "

@@ -129,11 +129,11 @@ def test_sections_that_turned_over_less_than_once_depend_on_the_filling():
 
 
 def test_an_error_of_a_bed_that_hardly_moved_is_noted():
-    figures = {"statistical_error": {"whole": 0.03}, "slowest_travel_diameters": 1.2}
+    figures = {"statistical_error": {"whole": 0.03}, "widest_level_travel_diameters": 1.2}
     (note,) = run_notes(figures)
     assert "moved by 1.2 particle diameters" in note
-    assert run_notes(figures | {"slowest_travel_diameters": 2.0}) == []
-    assert run_notes({"slowest_travel_diameters": 1.2}) == []  # no error is told
+    assert run_notes(figures | {"widest_level_travel_diameters": 2.0}) == []
+    assert run_notes({"widest_level_travel_diameters": 1.2}) == []  # no error is told
 
 
 def test_a_trend_is_noted_where_chance_does_not_explain_it():

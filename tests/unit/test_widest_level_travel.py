@@ -11,7 +11,7 @@ import pytest
 from fakes.sums import NOTHING
 
 from granpipe.field import Grid
-from granpipe.pipeline.convergence import slowest_travel
+from granpipe.pipeline.convergence import widest_level_travel
 
 
 def test_the_widest_level_is_the_slowest() -> None:
@@ -21,4 +21,4 @@ def test_the_widest_level_is_the_slowest() -> None:
     sums = replace(NOTHING, grid=grid, weight=2.0, volume=2 * volume, duration=10.0)
     averaged = cast("Any", SimpleNamespace(plug=SimpleNamespace(solids_flow=1e-4)))
     speed = 1e-4 / (0.5 * np.pi * 0.2**2)
-    assert slowest_travel(averaged, sums, 0.005) == pytest.approx(speed * 10 / 0.005)
+    assert widest_level_travel(averaged, sums, 0.005) == pytest.approx(speed * 10 / 0.005)
