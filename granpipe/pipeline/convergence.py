@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from granpipe.case.schema import Case
-from granpipe.dem.sizes import size_classes
 from granpipe.errors import DataError
 from granpipe.field import level_flow
 from granpipe.homogenize.average import Sums, merge
@@ -77,8 +76,8 @@ class RunningAverage:
         return self.convergence.reached
 
 
-def average_gates(case: Case, averaged: AveragedField, steady: Sums) -> list[Gate]:
-    """The gates that a longer average can pass."""
+def average_gates(case: Case, averaged: AveragedField, steady: Sums, diameter: float) -> list[Gate]:
+    """The gates that a longer average can pass; `diameter` is that of the particles [m]."""
     field, plug, target = averaged.field, averaged.plug, case.dem.statistical_error
     assert field.raw_flux_z is not None
     gates = level_flow_gates(
@@ -89,9 +88,8 @@ def average_gates(case: Case, averaged: AveragedField, steady: Sums) -> list[Gat
     )
     if target is not None:
         errors, effective = averaged.figures.get("statistical_error", {}), averaged.figures["effective_blocks"]
-        gates += error_gates(
-            errors, effective, widest_level_travel(averaged, steady, _particle(case)), target, steady.duration
-        )
+        travel = widest_level_travel(averaged, steady, diameter)
+        gates += error_gates(errors, effective, travel, target, steady.duration)
     return gates
 
 
@@ -99,11 +97,6 @@ def widest_level_travel(averaged: AveragedField, steady: Sums, diameter: float) 
     """How far the level that holds the most solids went during the average, in particle diameters [m]."""
     area = steady.mean_volume.reshape(len(steady.mean_volume), -1).sum(axis=1).max() / steady.grid.cell
     return float(averaged.plug.solids_flow * steady.duration / (area * diameter))
-
-
-def _particle(case: Case) -> float:
-    """Sauter diameter of the simulated particles [m]."""
-    return size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
 
 
 class StatisticalErrorCriterion:
@@ -125,10 +118,8 @@ class StatisticalErrorCriterion:
         target, errors = plan.case.dem.statistical_error, averaged.figures.get("statistical_error", {})
         if target is None or not errors:
             return Convergence(errors)
-        whole = merge(steady)
-        reached = all(gate.passed for gate in average_gates(plan.case, averaged, whole))
+        whole, diameter = merge(steady), plan.dem.classes.sauter_diameter
+        reached = all(gate.passed for gate in average_gates(plan.case, averaged, whole, diameter))
         effective = averaged.figures["effective_blocks"]
-        missing = missing_time(
-            errors, effective, widest_level_travel(averaged, whole, _particle(plan.case)), target, whole.duration
-        )
-        return Convergence(errors, reached, missing)
+        travel = widest_level_travel(averaged, whole, diameter)
+        return Convergence(errors, reached, missing_time(errors, effective, travel, target, whole.duration))

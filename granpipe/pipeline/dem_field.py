@@ -128,7 +128,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     return ModelResult(
         field=field,
         gates=(
-            *average_gates(plan.case, averaged, whole),
+            *average_gates(plan.case, averaged, whole, settings.classes.sauter_diameter),
             *(_size_gate(bed) for bed in settled),
             *_overlap_gates([bed.overlap for bed in settled]),
             *(() if packing is None else (PACKING.gate(packing),)),

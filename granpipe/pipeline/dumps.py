@@ -126,7 +126,8 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     frame_marks = frame_gates(found, frame)
     outside = check_outside(found)
     collector, segments = summed_dumps(request, grid, found, summed)
-    densest = check_packing(merge(segments), outline.inside_fraction(grid), found.diameter)
+    whole = merge(segments)
+    densest = check_packing(whole, outline.inside_fraction(grid), found.diameter)
     averaged = averaged_field(case, outline, segments, found.diameter)
     field = summed.added(averaged.field, segments)
     field, derived = with_derived(field, case.homogenize.fields)
@@ -134,7 +135,7 @@ def _in_vessel(request: Request, case: Case) -> Homogenized:
     gates = [*frame_marks, *time_gate(found), *_average_gates(case, averaged, segments, found.diameter, figures)]
     gates += [*solids_gate(found, held_solids(field), frame), PACKING.gate(field.bulk_packing)]
     figures |= {"largest_packing": densest, "solids_outside_the_walls": outside}
-    figures["widest_level_travel_diameters"] = widest_level_travel(averaged, merge(segments), found.diameter)
+    figures["widest_level_travel_diameters"] = widest_level_travel(averaged, whole, found.diameter)
     told = told_of(field, case.homogenize.method, gates, found, collector, figures)
     if case.outline.depth is not None:
         told = replace(told, field=told.field.of_depth(case.outline.depth))
@@ -165,7 +166,7 @@ def _average_gates(
     case: Case, averaged: AveragedField, segments: list[Sums], diameter: float, figures: dict[str, Any]
 ) -> list[Gate]:
     """What a run of granpipe would have to pass."""
-    gates = [*average_gates(case, averaged, merge(segments)), upward_gate(averaged.field)]
+    gates = [*average_gates(case, averaged, merge(segments), diameter), upward_gate(averaged.field)]
     if "off_centre" in figures:
         gates.append(asymmetry_gate(figures["off_centre"]))
     changed = smoothing_change(averaged.field, segments, diameter)
