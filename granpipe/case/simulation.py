@@ -11,6 +11,7 @@ from granpipe.case.values import Group, OneOf, Quantity, SomeOf, Whole, refuse
 
 Outlet = Literal["plate", "open"]
 Walls = Literal["as_drawn", "set_back"]
+Sizes = Literal["as_given", "narrow"]
 Snapshots = Literal["none", "thinned", "all"]
 Method = Literal["psi", "gaussian"]
 MoreFields = Literal[
@@ -33,6 +34,12 @@ class Dem(Group):
 
     coarse_grain_factor: Annotated[float, Quantity(at_least=1, at_most=100)] = Field(
         default=1.0, description="Particles are enlarged by this factor: fewer of them, the same material."
+    )
+    sizes: Annotated[Sizes, OneOf(Sizes)] = Field(
+        default="as_given",
+        description="Which particles stand for the material's: sizes as given, or `narrow`, three sizes within 7 % of "
+        "the material's Sauter diameter. The smallest particle rules the time step, so that a run with narrow sizes "
+        "takes fewer and longer steps.",
     )
     walls: Annotated[Walls, OneOf(Walls)] = Field(
         default="as_drawn",

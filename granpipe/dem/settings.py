@@ -25,7 +25,7 @@ from granpipe.dem.duration import (
     duration,
     start_pays,
 )
-from granpipe.dem.sizes import SizeClasses, size_classes
+from granpipe.dem.sizes import NARROW, SIZES_KEY, SizeClasses, enlarged_classes, simulated_classes
 from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
 from granpipe.field import ROUND, Measure
@@ -300,9 +300,10 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     ------
     CaseError : the case asks for what is physically impossible, or for more particles than any computer holds
     """
-    classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
+    factor, classes = case.dem.coarse_grain_factor, simulated_classes(case)
     _check_number(classes, vessel)
-    gap_decisions = [check_gap(opening, classes, case.dem.coarse_grain_factor) for opening in vessel.openings]
+    given = enlarged_classes(case)  # the widest of them is what may arch
+    gap_decisions = [check_gap(opening, given, factor) for opening in vessel.openings]
     _check_rest(case)
     reservoir = _reservoir_height(case, vessel, classes)
     level = vessel.top + reservoir
@@ -365,6 +366,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         particles=particles,
         decisions=(
             *gap_decisions,
+            *_narrow_sizes(case, given, classes),
             _size_ratio(classes),
             *_coarse_graining(case),
             youngs_choice,
@@ -435,6 +437,21 @@ def _closed(opening: Opening) -> str:
         return f"should the two sides touch? then move the points at {move}"
     near = f"[{opening.r_inner:.6g}, {opening.z:.6g}] (in m)"
     return f"should the two sides touch? then draw them with a common point near {near}"
+
+
+def _narrow_sizes(case: Case, given: SizeClasses, classes: SizeClasses) -> list[Decision]:
+    """What stands for the sizes of the material, and what that saves."""
+    if case.dem.sizes == "as_given":
+        return []
+    if case.dem.outlet == "open":
+        raise CaseError("free discharge depends on all sizes: set dem.outlet: plate, or as_given", key=SIZES_KEY)
+    step, number = classes.smallest / given.smallest, given.mean_volume / classes.mean_volume
+    criterion = (
+        f"three within {NARROW:.0%} of one Sauter diameter, in place of {2 * given.smallest:.3g} … "
+        f"{2 * given.largest:.3g} m: {step:.2g} times the time step, {number:.2g} times the particles"
+    )
+    sizes = ", ".join(f"{2 * radius:.3g}" for radius in classes.radius)
+    return [Decision("sizes", f"{sizes} m", criterion)]
 
 
 def _size_ratio(classes: SizeClasses) -> Decision:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from granpipe.case.schema import Case
-from granpipe.dem.sizes import size_classes
+from granpipe.dem.sizes import simulated_classes
 from granpipe.errors import DataError
 from granpipe.field import Box, Field, Grid, level_flow
 from granpipe.geometry.openings import find_openings
@@ -156,10 +156,9 @@ def _extra_sums(case: Case, outline: Outline, grid: Grid, found: Survey) -> Extr
             "the dumps hold no velocities, which the granular temperature is of: dump vx vy vz as well, or take "
             "granular_temperature out of homogenize.fields"
         )
-    if "mixing" in case.homogenize.fields and len(size_classes(case.material.size).radius) < 2:
+    if "mixing" in case.homogenize.fields and len(simulated_classes(case).radius) < 2:
         raise DataError("mixing tells how sizes lie among each other, and material.size of the case is one size alone")
-    classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
-    return ExtraSums(case, outline, classes, grid)
+    return ExtraSums(case, outline, simulated_classes(case), grid)
 
 
 def _average_gates(

@@ -12,7 +12,7 @@ import numpy as np
 from granpipe.case.reader import varied
 from granpipe.case.schema import Case
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, check_gap, choose
-from granpipe.dem.sizes import size_classes
+from granpipe.dem.sizes import enlarged_classes, simulated_classes, size_classes
 from granpipe.errors import CaseError, MeshError
 from granpipe.field import Array, Box, Grid, section_rows
 from granpipe.fluid.friction_error import ExpectedError, Rheology, expected_error
@@ -95,6 +95,9 @@ OUTLET_NOTE = "within one diameter of the outlet the field depends on the profil
 
 ANNULUS = ("fluid", "annulus")
 FIELDS = ("homogenize", "fields")
+
+OF_SIZES = ("size_classes", "mixing")
+"""What of homogenize.fields tells of the sizes of particles."""
 
 FROM_ANY_MODEL = ("residence_time", "strain_rate", "age")
 """What of homogenize.fields follows from flow and packing alone, however they were found."""
@@ -477,6 +480,9 @@ class _Scene:
         left = [Stage("fluid solve", "the DEM run covers the whole vessel"), *_left_out_of_decks(self.case)]
         if "mixing" in self.case.homogenize.fields and len(settings.classes.radius) < 2:
             raise CaseError("mixing tells how sizes lie among each other, and material.size is one size alone", FIELDS)
+        of_sizes = [name for name in self.case.homogenize.fields if name in OF_SIZES]
+        if of_sizes and self.case.dem.sizes == "narrow":
+            raise CaseError(f"{of_sizes[0]} tells of the sizes that dem.sizes: narrow takes away: set as_given", FIELDS)
         grid = self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER)
         grid = grid.of_slice(outline.measure)
         self._check_sections(grid)
@@ -503,7 +509,7 @@ class _Scene:
             if self.case.dem.thickness != "auto":
                 raise CaseError("only a slab, outline.symmetry: plane, has one; leave it out", ("dem", "thickness"))
             return self.outline, ()
-        classes = size_classes(self.case.material.size).enlarged(self.case.dem.coarse_grain_factor)
+        classes = simulated_classes(self.case)
         given = self.case.dem.thickness
         if self.outline.measure.walled:
             if given != "auto":
@@ -514,7 +520,7 @@ class _Scene:
                 )
             return self.outline, (
                 Decision("slab depth", f"{self.outline.measure.turn:.3g} m", "all of it, between front and back wall"),
-                check_gap(_depth_gap(self.outline), classes, self.case.dem.coarse_grain_factor),
+                check_gap(_depth_gap(self.outline), enlarged_classes(self.case), self.case.dem.coarse_grain_factor),
             )
         thickness = THICKNESS * classes.d90 if given == "auto" else float(given)
         ratio = thickness / classes.d90
@@ -564,7 +570,7 @@ class _Scene:
     def _hybrid(self) -> Plan:
         case = self.case
         check_whole(case)
-        classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
+        classes = simulated_classes(case)
         outside = [name for name, need in self.needs.items() if need.objection and name not in case.outline.sections]
         if outside:
             raise CaseError(

@@ -10,7 +10,7 @@ from granpipe.case.schema import Case
 from granpipe.case.vessel import VesselSpec, vessel_triangles
 from granpipe.dem.duration import MOST_SEGMENTS, ROOM
 from granpipe.dem.settings import Decision, Vessel, free_flow
-from granpipe.dem.sizes import SizeClasses, size_classes
+from granpipe.dem.sizes import simulated_classes, size_classes
 from granpipe.errors import CaseError
 from granpipe.field import MOST_CELLS, Box
 from granpipe.geometry.space_vessel import SpaceVessel
@@ -82,7 +82,7 @@ def space_vessel(case: Case) -> SpaceVessel:
     CaseError : its file cannot be read, or is not that of a vessel
     """
     assert case.vessel is not None
-    return _loaded(case.vessel.model_dump_json(), _classes(case).mean_diameter)
+    return _loaded(case.vessel.model_dump_json(), simulated_classes(case).mean_diameter)
 
 
 @lru_cache(maxsize=4)
@@ -117,7 +117,7 @@ def space_grid(case: Case, vessel: SpaceVessel) -> Box:
     CaseError : it would have too many cells
     """
     given = case.homogenize.cell
-    size = _classes(case).sauter_diameter / CELLS_PER_DIAMETER if given == "auto" else float(given)
+    size = simulated_classes(case).sauter_diameter / CELLS_PER_DIAMETER if given == "auto" else float(given)
     ends = [(float(low), float(high)) for low, high in vessel.walls.ends]
     cells = math.prod(max(1.0, (high - low) / size) for low, high in ends)
     if cells > MOST_CELLS:
@@ -175,7 +175,3 @@ def grid_decision(grid: Box, segments: int) -> Decision:
     needed = sums_memory(grid, segments)
     criterion = f"cells of {grid.cell:.3g} m; {segments} segments of sums take {needed / 1e9:.2g} GB of memory and disk"
     return Decision("grid in space", cells, criterion)
-
-
-def _classes(case: Case) -> SizeClasses:
-    return size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)

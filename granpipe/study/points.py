@@ -82,6 +82,7 @@ def make_study(
     axes: Axes | None = None,
     rates: Rates | None = None,
     inputs: Sequence[Input] = (),
+    referred: bool = False,
 ) -> Study:
     """The study of a case that some hours on some cores allow; CaseError where not even the case itself is possible.
 
@@ -90,11 +91,18 @@ def make_study(
     axes : those to go along, all unless some are named, and their values; none where only inputs are
     rates : of this machine, where they are known
     inputs : what is known as a range: the case is run at both ends as well
+    referred : whether errors are counted from an earlier run
     """
     if case.dem.walls == "set_back":
         raise CaseError(
             "a study tells errors of size between walls as drawn: set as_drawn; compare walls by `granpipe compare`",
             ("dem", "walls"),
+        )
+    if case.dem.sizes == "narrow" and not referred:
+        raise CaseError(
+            "a study finds what narrow sizes change along its axis `sizes`: set as_given, or count errors from a run "
+            "with all sizes by --reference",
+            ("dem", "sizes"),
         )
     if case.vessel is not None:
         raise CaseError("a study is made of outlines only; vary a vessel in space by a sweep", ("vessel",))

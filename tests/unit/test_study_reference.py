@@ -151,6 +151,13 @@ def test_another_scene_is_refused_with_what_differs(tmp_path: Path, case: dict[s
     assert str(refused.value).startswith("--reference: ")
 
 
+def test_a_run_with_narrow_sizes_is_no_reference(tmp_path: Path) -> None:
+    wide = "{diameter: {sieve: {edges: [8 mm, 12 mm, 16 mm], fractions: [50 %, 50 %]}}, by: mass}"
+    results(tmp_path / "run", material__size=wide, dem__sizes="narrow")
+    with pytest.raises(CaseError, match=r"narrow sizes; give one with dem\.sizes: as_given"):
+        read_reference(tmp_path / "run", varied(CASE, {"material.size": wide}))
+
+
 def test_another_model_and_a_field_without_errors_are_refused(tmp_path: Path) -> None:
     def fluid(files: dict) -> None:
         files["plan"] = {"model": "fluid"}
