@@ -11,7 +11,7 @@ from granpipe.case.values import Group, OneOf, Quantity, SomeOf, Whole, refuse
 
 Outlet = Literal["plate", "open"]
 Walls = Literal["as_drawn", "set_back"]
-Sizes = Literal["as_given", "narrow"]
+Fines = Literal["simulated", "left_out"]
 Snapshots = Literal["none", "thinned", "all"]
 Method = Literal["psi", "gaussian"]
 MoreFields = Literal[
@@ -35,11 +35,11 @@ class Dem(Group):
     coarse_grain_factor: Annotated[float, Quantity(at_least=1, at_most=100)] = Field(
         default=1.0, description="Particles are enlarged by this factor: fewer of them, the same material."
     )
-    sizes: Annotated[Sizes, OneOf(Sizes)] = Field(
-        default="as_given",
-        description="Which particles stand for the material's: sizes as given, or `narrow`, three sizes within 7 % of "
-        "the material's Sauter diameter. The smallest particle rules the time step, so that a run with narrow sizes "
-        "takes fewer and longer steps.",
+    fines: Annotated[Fines, OneOf(Fines)] = Field(
+        default="simulated",
+        description="`left_out`: the size classes with the finest tenth of the mass, at the most, are not simulated; "
+        "the others take their place. The smallest particle rules the time step, and fines are many, so that such a "
+        "run takes fewer steps of fewer particles.",
     )
     walls: Annotated[Walls, OneOf(Walls)] = Field(
         default="as_drawn",

@@ -25,7 +25,7 @@ from granpipe.dem.duration import (
     duration,
     start_pays,
 )
-from granpipe.dem.sizes import NARROW, SIZES_KEY, SizeClasses, enlarged_classes, simulated_classes
+from granpipe.dem.sizes import FINES, FINES_KEY, SizeClasses, enlarged_classes, simulated_classes
 from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
 from granpipe.field import ROUND, Measure
@@ -302,7 +302,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     """
     factor, classes = case.dem.coarse_grain_factor, simulated_classes(case)
     _check_number(classes, vessel)
-    given = enlarged_classes(case)  # the widest of them is what may arch
+    given = enlarged_classes(case)
     gap_decisions = [check_gap(opening, given, factor) for opening in vessel.openings]
     _check_rest(case)
     reservoir = _reservoir_height(case, vessel, classes)
@@ -366,7 +366,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         particles=particles,
         decisions=(
             *gap_decisions,
-            *_narrow_sizes(case, given, classes),
+            *_fines(case, given, classes),
             _size_ratio(classes),
             *_coarse_graining(case),
             youngs_choice,
@@ -439,19 +439,19 @@ def _closed(opening: Opening) -> str:
     return f"should the two sides touch? then draw them with a common point near {near}"
 
 
-def _narrow_sizes(case: Case, given: SizeClasses, classes: SizeClasses) -> list[Decision]:
-    """What stands for the sizes of the material, and what that saves."""
-    if case.dem.sizes == "as_given":
+def _fines(case: Case, given: SizeClasses, classes: SizeClasses) -> list[Decision]:
+    """What is left out of the sizes of the material, and what that saves."""
+    if case.dem.fines == "simulated":
         return []
     if case.dem.outlet == "open":
-        raise CaseError("free discharge depends on all sizes: set dem.outlet: plate, or as_given", key=SIZES_KEY)
+        raise CaseError("free discharge depends on all sizes: set dem.outlet: plate, or simulated", key=FINES_KEY)
     step, number = classes.smallest / given.smallest, given.mean_volume / classes.mean_volume
+    mass = 1 - sum(share for r, share in zip(given.radius, given.mass_share, strict=True) if r >= classes.smallest)
     criterion = (
-        f"three within {NARROW:.0%} of one Sauter diameter, in place of {2 * given.smallest:.3g} … "
-        f"{2 * given.largest:.3g} m: {step:.2g} times the time step, {number:.2g} times the particles"
+        f"{mass:.1%} of the mass, at most {FINES:.0%}: {step:.2g} times the time step, {number:.2g} times the "
+        f"particles, Sauter diameter {classes.sauter_diameter / given.sauter_diameter:.3g} times as large"
     )
-    sizes = ", ".join(f"{2 * radius:.3g}" for radius in classes.radius)
-    return [Decision("sizes", f"{sizes} m", criterion)]
+    return [Decision("fines left out", f"below {2 * classes.smallest:.3g} m", criterion)]
 
 
 def _size_ratio(classes: SizeClasses) -> Decision:

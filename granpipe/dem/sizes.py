@@ -16,13 +16,11 @@ from granpipe.case.schema import Case
 from granpipe.errors import CaseError
 from granpipe.field import Array
 
-SIZES_KEY = ("dem", "sizes")
+FINES_KEY = ("dem", "fines")
 
-NARROW = 0.07
-"""Of narrow sizes: how far the smallest and the largest lie from the middle one, as a part of it. Spheres that are all
-alike form crystals along walls; a standard deviation of 5 % and more keeps a bed disordered."""
+FINES = 0.1
+"""Share of the mass that fines have at the most (`dem.fines: left_out`)."""
 
-_NARROW_SHARES = (0.3, 0.4, 0.3)  # by number
 _QUADRATURE = 400  # midpoints per class; the densities are smooth, so class volumes are right to 1e-5
 
 
@@ -74,13 +72,10 @@ class SizeClasses:
         """The same shares with radii multiplied by the coarse-grain factor."""
         return SizeClasses(self.radius * factor, self.number_share)
 
-    def narrow(self) -> SizeClasses:
-        """Three sizes within `NARROW` of the middle one, with the same Sauter diameter.
-
-        That diameter is kept because a size has its share of contacts, with walls and with others, by its surface.
-        """
-        spread = SizeClasses(np.array([1 - NARROW, 1.0, 1 + NARROW]), np.array(_NARROW_SHARES))
-        return spread.enlarged(self.sauter_diameter / spread.sauter_diameter)
+    def without_fines(self) -> SizeClasses:
+        """Without the classes that hold the finest `FINES` of the mass; the others keep their shares."""
+        kept = np.cumsum(self.mass_share) > FINES
+        return SizeClasses(self.radius[kept], self.number_share[kept] / self.number_share[kept].sum())
 
 
 def enlarged_classes(case: Case) -> SizeClasses:
@@ -89,20 +84,23 @@ def enlarged_classes(case: Case) -> SizeClasses:
 
 
 def simulated_classes(case: Case) -> SizeClasses:
-    """The particles of a DEM run: those of the material as the keys of `dem` have them narrowed and enlarged.
+    """The particles of a DEM run: the material's, enlarged, and without fines where the case leaves them out.
 
     Raises
     ------
-    CaseError : narrow sizes are asked for, and the material's are no wider
+    CaseError : fines are to be left out, and the material has no class of so little mass
     """
     classes = enlarged_classes(case)
-    if case.dem.sizes == "as_given":
+    if case.dem.fines == "simulated":
         return classes
-    narrow = classes.narrow()
-    if classes.largest / classes.smallest <= narrow.largest / narrow.smallest:
-        ends = f"{2 * classes.smallest:.3g} … {2 * classes.largest:.3g} m"
-        raise CaseError(f"the particles are as narrow already, {ends}: leave it out", SIZES_KEY)
-    return narrow
+    coarse = classes.without_fines()
+    if len(coarse.radius) == len(classes.radius):
+        raise CaseError(
+            f"the smallest class of particles has {classes.mass_share[0]:.2g} of the mass, and fines are at most "
+            f"{FINES:g} of it: leave it out, or give more material.size.classes",
+            FINES_KEY,
+        )
+    return coarse
 
 
 def size_classes(size: Size) -> SizeClasses:

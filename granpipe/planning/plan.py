@@ -481,8 +481,8 @@ class _Scene:
         if "mixing" in self.case.homogenize.fields and len(settings.classes.radius) < 2:
             raise CaseError("mixing tells how sizes lie among each other, and material.size is one size alone", FIELDS)
         of_sizes = [name for name in self.case.homogenize.fields if name in OF_SIZES]
-        if of_sizes and self.case.dem.sizes == "narrow":
-            raise CaseError(f"{of_sizes[0]} tells of the sizes that dem.sizes: narrow takes away: set as_given", FIELDS)
+        if of_sizes and self.case.dem.fines == "left_out":
+            raise CaseError(f"{of_sizes[0]} tells of sizes, some of which dem.fines leaves out: set simulated", FIELDS)
         grid = self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER)
         grid = grid.of_slice(outline.measure)
         self._check_sections(grid)

@@ -42,7 +42,7 @@ CHEAP, BEST = "cheap", "best"
 _KEYS = {
     "model": "model",
     "coarse_grain_factor": "dem.coarse_grain_factor",
-    "sizes": "dem.sizes",
+    "fines": "dem.fines",
     "youngs_modulus": "contact.youngs_modulus",
     "time_step": "dem.time_step",
     "reservoir_height": "dem.reservoir_height",
@@ -181,7 +181,7 @@ def _usual(case: Case, basis: Basis) -> dict[str, list[str]]:
     factors = {max(1.0, case.dem.coarse_grain_factor * share) for share in SIZES} - {case.dem.coarse_grain_factor}
     found |= {
         "coarse_grain_factor": [_text(factor) for factor in sorted(factors)],
-        "sizes": ["narrow" if case.dem.sizes == "as_given" else "as_given"],
+        "fines": ["left_out" if case.dem.fines == "simulated" else "simulated"],
         "youngs_modulus": [_text(factor * basis.youngs_modulus) for factor in STIFFNESSES],
         "time_step": [_text(factor * basis.time_step) for factor in STEPS],
         "reservoir_height": [_text(factor * basis.reservoir_height) for factor in RESERVOIRS],

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from granpipe.case.reader import resolve, varied
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
+from granpipe.dem.sizes import FINES_KEY
 from granpipe.errors import CaseError
 from granpipe.geometry.revolve import Turn
 from granpipe.planning.forecast import forecast as forecast_of
@@ -98,11 +99,11 @@ def make_study(
             "a study tells errors of size between walls as drawn: set as_drawn; compare walls by `granpipe compare`",
             ("dem", "walls"),
         )
-    if case.dem.sizes == "narrow" and not referred:
+    if case.dem.fines == "left_out" and not referred:
         raise CaseError(
-            "a study finds what narrow sizes change along its axis `sizes`: set as_given, or count errors from a run "
-            "with all sizes by --reference",
-            ("dem", "sizes"),
+            "a study finds what fines change along its axis `fines`: set simulated, or count errors from a run with "
+            "fines by --reference",
+            FINES_KEY,
         )
     if case.vessel is not None:
         raise CaseError("a study is made of outlines only; vary a vessel in space by a sweep", ("vessel",))

@@ -151,10 +151,10 @@ def test_another_scene_is_refused_with_what_differs(tmp_path: Path, case: dict[s
     assert str(refused.value).startswith("--reference: ")
 
 
-def test_a_run_with_narrow_sizes_is_no_reference(tmp_path: Path) -> None:
-    wide = "{diameter: {sieve: {edges: [8 mm, 12 mm, 16 mm], fractions: [50 %, 50 %]}}, by: mass}"
-    results(tmp_path / "run", material__size=wide, dem__sizes="narrow")
-    with pytest.raises(CaseError, match=r"narrow sizes; give one with dem\.sizes: as_given"):
+def test_a_run_without_fines_is_no_reference(tmp_path: Path) -> None:
+    wide = "{diameter: {sieve: {edges: [8 mm, 12 mm, 16 mm], fractions: [5 %, 95 %]}}, by: mass}"
+    results(tmp_path / "run", material__size=wide, dem__fines="left_out")
+    with pytest.raises(CaseError, match=r"without fines; give one with dem\.fines: simulated"):
         read_reference(tmp_path / "run", varied(CASE, {"material.size": wide}))
 
 
