@@ -49,8 +49,8 @@ dem.plate_speed=0.05 --set dem.seed=2 --set 'dem.statistical_error=1.5 %'`, a pl
 `--set dem.max_time=…` as in their names, and `--set dem.fines=left_out`, or not; that with enlarged particles has
 `--set dem.coarse_grain_factor=1.5 --set contact.youngs_modulus=5e6 --set dem.max_time=12s` and 4 %. Those of the hopper
 are `granpipe run cases/hopper.yaml --set model=dem --set dem.ranks=1 --set dem.max_time=25s --set
-'dem.statistical_error=3 %' --set 'material.size={{radius: {{normal: {{mean: 6 cm, std: 2 cm, min: 3 cm, max: 9 cm}}}}, by:
-number, classes: 6}}'`; they end by their time and are marked for that.
+'dem.statistical_error=3 %' --set 'material.size={{radius: {{normal: {{mean: 6 cm, std: 2 cm, min: 3 cm, max: 9 cm}}}},
+by: number, classes: 6}}'`; they end by their time and are marked for that.
 """
 
 

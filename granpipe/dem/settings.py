@@ -65,6 +65,10 @@ LEAST_GAP = 5.0
 LEAST_COARSE_GAP = 3.0
 """The same of particles that stand for smaller ones: such a run is marked, but it tells what coarseness costs."""
 
+FINES_COMPARED = (
+    "compared with all sizes in two vessels only, where the field changed by up to 3 % (docs/validation/fines.md)"
+)
+
 SKIN = 0.2
 """Neighbour skin in mean diameters; run times hardly differ from 0.1 to 0.5."""
 
@@ -451,7 +455,7 @@ def _fines(case: Case, given: SizeClasses, classes: SizeClasses) -> list[Decisio
         f"{mass:.1%} of the mass, at most {FINES:.0%}: {step:.2g} times the time step, {number:.2g} times the "
         f"particles, Sauter diameter {classes.sauter_diameter / given.sauter_diameter:.3g} times as large"
     )
-    return [Decision("fines left out", f"below {2 * classes.smallest:.3g} m", criterion)]
+    return [Decision("fines left out", f"below {2 * classes.smallest:.3g} m", criterion, warning=FINES_COMPARED)]
 
 
 def _size_ratio(classes: SizeClasses) -> Decision:

@@ -50,6 +50,7 @@ def test_the_time_step_grows_with_the_smallest_particle(tiny: Path) -> None:
     (told,) = (one for one in coarse.decisions if one.name == "fines left out")
     assert told.criterion.startswith("5.0% of the mass")
     assert f"{smallest:.2g} times the time step" in told.criterion
+    assert any("docs/validation/fines.md" in note for note in coarse.warnings)
     assert "fines left out" not in {one.name for one in given.decisions}
 
 
