@@ -450,7 +450,7 @@ def _fines(case: Case, given: SizeClasses, classes: SizeClasses) -> list[Decisio
     if case.dem.outlet == "open":
         raise CaseError("free discharge depends on all sizes: set dem.outlet: plate, or simulated", key=FINES_KEY)
     step, number = classes.smallest / given.smallest, given.mean_volume / classes.mean_volume
-    mass = 1 - sum(share for r, share in zip(given.radius, given.mass_share, strict=True) if r >= classes.smallest)
+    mass = given.mass_share[given.radius < classes.smallest].sum()
     criterion = (
         f"{mass:.1%} of the mass, at most {FINES:.0%}: {step:.2g} times the time step, {number:.2g} times the "
         f"particles, Sauter diameter {classes.sauter_diameter / given.sauter_diameter:.3g} times as large"

@@ -21,6 +21,9 @@ FINES_KEY = ("dem", "fines")
 FINES = 0.1
 """Share of the mass that fines have at the most (`dem.fines: left_out`)."""
 
+OF_SIZES = ("size_classes", "mixing")
+"""What of homogenize.fields tells of the sizes of particles."""
+
 _QUADRATURE = 400  # midpoints per class; the densities are smooth, so class volumes are right to 1e-5
 
 
@@ -74,7 +77,7 @@ class SizeClasses:
 
     def without_fines(self) -> SizeClasses:
         """Without the classes that hold the finest `FINES` of the mass; the others keep their shares."""
-        kept = np.cumsum(self.mass_share) > FINES
+        kept = np.cumsum(self.mass_share) > FINES + 1e-12  # rounding makes no tenth more than one
         return SizeClasses(self.radius[kept], self.number_share[kept] / self.number_share[kept].sum())
 
 
@@ -101,6 +104,15 @@ def simulated_classes(case: Case) -> SizeClasses:
             FINES_KEY,
         )
     return coarse
+
+
+def check_fields_of_sizes(case: Case) -> None:
+    """CaseError where a result is to tell of sizes and some of them are left out."""
+    found = [name for name in case.homogenize.fields if name in OF_SIZES]
+    if found and case.dem.fines == "left_out":
+        raise CaseError(
+            f"{found[0]} tells of sizes, some of which dem.fines leaves out: set simulated", ("homogenize", "fields")
+        )
 
 
 def size_classes(size: Size) -> SizeClasses:

@@ -12,7 +12,7 @@ import numpy as np
 from granpipe.case.reader import varied
 from granpipe.case.schema import Case
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, check_gap, choose
-from granpipe.dem.sizes import enlarged_classes, simulated_classes, size_classes
+from granpipe.dem.sizes import check_fields_of_sizes, enlarged_classes, simulated_classes, size_classes
 from granpipe.errors import CaseError, MeshError
 from granpipe.field import Array, Box, Grid, section_rows
 from granpipe.fluid.friction_error import ExpectedError, Rheology, expected_error
@@ -95,9 +95,6 @@ OUTLET_NOTE = "within one diameter of the outlet the field depends on the profil
 
 ANNULUS = ("fluid", "annulus")
 FIELDS = ("homogenize", "fields")
-
-OF_SIZES = ("size_classes", "mixing")
-"""What of homogenize.fields tells of the sizes of particles."""
 
 FROM_ANY_MODEL = ("residence_time", "strain_rate", "age")
 """What of homogenize.fields follows from flow and packing alone, however they were found."""
@@ -478,11 +475,9 @@ class _Scene:
             self._results("dem"),
         ]
         left = [Stage("fluid solve", "the DEM run covers the whole vessel"), *_left_out_of_decks(self.case)]
+        check_fields_of_sizes(self.case)
         if "mixing" in self.case.homogenize.fields and len(settings.classes.radius) < 2:
             raise CaseError("mixing tells how sizes lie among each other, and material.size is one size alone", FIELDS)
-        of_sizes = [name for name in self.case.homogenize.fields if name in OF_SIZES]
-        if of_sizes and self.case.dem.fines == "left_out":
-            raise CaseError(f"{of_sizes[0]} tells of sizes, some of which dem.fines leaves out: set simulated", FIELDS)
         grid = self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER)
         grid = grid.of_slice(outline.measure)
         self._check_sections(grid)

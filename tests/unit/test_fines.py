@@ -11,9 +11,7 @@ from granpipe.case.reader import load_case
 from granpipe.dem.sizes import SizeClasses, simulated_classes
 from granpipe.errors import CaseError
 from granpipe.planning.plan import Plan, make_plan
-from granpipe.study.axes import study_variants
 from granpipe.study.points import make_study
-from tests.unit.test_study_axes import BASIS, every
 
 CASES = Path(__file__).parents[2] / "cases"
 WIDE = "{diameter: {sieve: {edges: [4 mm, 8 mm, 12 mm], fractions: [5 %, 95 %]}}, by: mass}"
@@ -30,6 +28,11 @@ def test_the_finest_classes_go_as_long_as_they_are_a_tenth_of_the_mass() -> None
     coarse = classes.without_fines()
     assert coarse.radius.tolist() == [2, 3, 4]
     np.testing.assert_allclose(coarse.number_share, 1 / 3)
+
+
+def test_a_tenth_of_the_mass_is_fines(tiny: Path) -> None:
+    plan = plan_of(tiny, material__size=WIDE.replace("[5 %, 95 %]", "[10 %, 90 %]"))
+    assert len(plan.dem.classes.radius) == 1
 
 
 def test_the_test_reactor_loses_its_two_smallest_classes() -> None:
@@ -70,7 +73,7 @@ def test_openings_are_held_against_all_sizes_of_the_material(tiny: Path) -> None
         ),
         ({"dem__outlet": "open"}, "fines", "free discharge"),
         ({"homogenize__fields": "[size_classes]"}, "fields", "size_classes"),
-        ({"homogenize__fields": "[mixing]"}, "fields", "mixing"),
+        ({"homogenize__fields": "[mixing]"}, "fields", "mixing tells of sizes, some"),
     ],
 )
 def test_what_cannot_be_right_is_refused(tiny: Path, changes: dict[str, str], key: str, what: str) -> None:
@@ -81,7 +84,7 @@ def test_what_cannot_be_right_is_refused(tiny: Path, changes: dict[str, str], ke
 
 def test_a_study_tells_what_fines_change() -> None:
     case = load_case(CASES / "smoke.yaml", {"material.size": WIDE})
-    variants = study_variants(case, BASIS, every)
+    variants = make_study(case, 1000.0, 1).variants
     assert [one.variant.changes for one in variants if one.axis == "fines"] == [{"dem.fines": "left_out"}]
 
 
