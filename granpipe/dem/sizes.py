@@ -99,8 +99,8 @@ def simulated_classes(case: Case) -> SizeClasses:
     coarse = classes.without_fines()
     if len(coarse.radius) == len(classes.radius):
         raise CaseError(
-            f"the smallest class of particles has {classes.mass_share[0]:.2g} of the mass, and fines are at most "
-            f"{FINES:g} of it: leave it out, or give more material.size.classes",
+            f"the smallest class of particles has {classes.mass_share[0]:.1%} of the mass, and fines are at most "
+            f"{FINES:.0%} of it: leave it out, or give more material.size.classes",
             FINES_KEY,
         )
     return coarse

@@ -65,11 +65,11 @@ def test_openings_are_held_against_all_sizes_of_the_material(tiny: Path) -> None
 @pytest.mark.parametrize(
     ("changes", "key", "what"),
     [
-        ({"material__size": "{diameter: 1 cm}"}, "fines", "has 1 of the mass"),
+        ({"material__size": "{diameter: 1 cm}"}, "fines", r"has 100\.0% of the mass"),
         (
             {"material__size": WIDE.replace("[5 %, 95 %]", "[20 %, 80 %]")},
             "fines",
-            r"has 0\.2 of the mass, and fines are at most 0\.1",
+            r"has 20\.0% of the mass, and fines are at most 10%",
         ),
         ({"dem__outlet": "open"}, "fines", "free discharge"),
         ({"homogenize__fields": "[size_classes]"}, "fields", "size_classes"),
