@@ -591,9 +591,7 @@ def study(
     earlier = None if reference is None else read_reference(reference, asked)
     if earlier is not None:
         _tell(f"{reference}: quality gate failed: {gate}" for gate in earlier.failed)
-    made = make_study(
-        asked, hours, cores, read_axes(axes), known_rates(), read_inputs(inputs, asked), earlier is not None
-    )
+    made = make_study(asked, hours, cores, read_axes(axes), known_rates(), read_inputs(inputs, asked))
     _tell(made.left_out)
     with Console() as console:
         found = run_study(made, results, other, cores, cluster if on == "slurm" else None, console, earlier)

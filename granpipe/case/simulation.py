@@ -11,7 +11,7 @@ from granpipe.case.values import Group, OneOf, Quantity, SomeOf, Whole, refuse
 
 Outlet = Literal["plate", "open"]
 Walls = Literal["as_drawn", "set_back"]
-Fines = Literal["simulated", "left_out"]
+MassScaling = Literal["auto", "none"]
 Snapshots = Literal["none", "thinned", "all"]
 Method = Literal["psi", "gaussian"]
 MoreFields = Literal[
@@ -35,11 +35,11 @@ class Dem(Group):
     coarse_grain_factor: Annotated[float, Quantity(at_least=1, at_most=100)] = Field(
         default=1.0, description="Particles are enlarged by this factor: fewer of them, the same material."
     )
-    fines: Annotated[Fines, OneOf(Fines)] = Field(
-        default="simulated",
-        description="`left_out`: the size classes with the finest tenth of the mass, at the most, are not simulated; "
-        "the others take their place. The smallest particle rules the time step, and fines are many, so that such a "
-        "run takes fewer steps of fewer particles.",
+    mass_scaling: Annotated[MassScaling, OneOf(MassScaling)] = Field(
+        default="auto",
+        description="`auto`: particles below the Sauter diameter are made heavier, until their inertia allows the time "
+        "step of that diameter, and gravity smaller, so that the bed weighs the same. Not with `outlet: open`, nor "
+        "where `homogenize.fields` ask for forces or sizes.",
     )
     walls: Annotated[Walls, OneOf(Walls)] = Field(
         default="as_drawn",

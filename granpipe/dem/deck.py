@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import granpipe
 from granpipe.case.schema import Case
-from granpipe.dem.contact import GRAVITY
 from granpipe.dem.settings import Settings, slab_height
 from granpipe.errors import CaseError
 from granpipe.field import Boxes, Frustum
@@ -62,10 +61,11 @@ class Plate:
 
 @dataclass(frozen=True)
 class ParticleClass:
-    """One particle template: radius [m], share of the number, seed."""
+    """One particle template: radius [m], density [kg/m³], share of the number, seed."""
 
     name: str
     radius: float
+    density: float
     share: float
     seed: int
 
@@ -92,7 +92,6 @@ class MaterialDeck:
 class Deck(MaterialDeck):
     """All values that the templates of a filling and a production deck use; SI units."""
 
-    density: float
     periodic: bool
     box: tuple[float, ...]
     volume_limit: float
@@ -157,7 +156,7 @@ def make_deck(
             "use smaller particles or a wider vessel",
             key=("material", "size"),
         )
-    fall = math.sqrt(2 * slab_height(classes) / GRAVITY)
+    fall = math.sqrt(2 * slab_height(classes) / settings.gravity)
     insert_every = max(1, round(0.25 * fall / settings.time_step))
     own_wall = (wall.friction, wall.rolling_friction, wall.restitution) != (
         case.contact.friction,
@@ -170,7 +169,6 @@ def make_deck(
     return Deck(
         contact_model=_contact_model(case, rolling),
         types=2 if own_wall else 1,
-        density=case.material.density,
         youngs_modulus=settings.youngs_modulus,
         poisson=case.contact.poisson,
         restitution=_pairs(case.contact.restitution, wall.restitution, own_wall),
@@ -178,7 +176,7 @@ def make_deck(
         rolling_model=rolling,
         rolling_friction=_pairs(case.contact.rolling_friction, wall.rolling_friction, own_wall),
         characteristic_velocity=case.contact.characteristic_velocity if case.contact.model == "hooke" else None,
-        gravity=GRAVITY,
+        gravity=settings.gravity,
         time_step=settings.time_step,
         skin=settings.skin,
         periodic=periodic,
@@ -191,8 +189,10 @@ def make_deck(
         ),
         volume_limit=1e-3 * classes.mean_volume * (classes.smallest / classes.largest) ** 3,
         classes=tuple(
-            ParticleClass(f"class{i + 1}", float(radius), float(share), next(seeds))
-            for i, (radius, share) in enumerate(zip(classes.radius, classes.number_share, strict=True))
+            ParticleClass(f"class{i + 1}", float(radius), float(density), float(share), next(seeds))
+            for i, (radius, density, share) in enumerate(
+                zip(classes.radius, case.material.density * classes.density_factor, classes.number_share, strict=True)
+            )
         ),
         sizes_seed=next(seeds),
         meshes=vessel if settings.open_outlet else (*vessel, *plate_meshes),
@@ -209,7 +209,7 @@ def make_deck(
         fill_chunks=400,
         full_gain=2e-3,
         settle_chunks=100,
-        rest_energy=0.5 * (0.005 * math.sqrt(GRAVITY * classes.sauter_diameter)) ** 2,
+        rest_energy=0.5 * (0.005 * math.sqrt(settings.gravity * classes.sauter_diameter)) ** 2,
         plate_speed=settings.plate_speed,
         start_speed=settings.start_speed,
         start_segments=settings.start_segments,

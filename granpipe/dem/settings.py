@@ -25,7 +25,7 @@ from granpipe.dem.duration import (
     duration,
     start_pays,
 )
-from granpipe.dem.sizes import FINES, FINES_KEY, SizeClasses, enlarged_classes, simulated_classes
+from granpipe.dem.sizes import SizeClasses, simulated_classes
 from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
 from granpipe.field import ROUND, Measure
@@ -64,10 +64,6 @@ LEAST_GAP = 5.0
 
 LEAST_COARSE_GAP = 3.0
 """The same of particles that stand for smaller ones: such a run is marked, but it tells what coarseness costs."""
-
-FINES_COMPARED = (
-    "compared with all sizes in two vessels only, where the field changed by up to 3 % (docs/validation/fines.md)"
-)
 
 SKIN = 0.2
 """Neighbour skin in mean diameters; run times hardly differ from 0.1 to 0.5."""
@@ -115,6 +111,11 @@ def free_flow(opening: Opening, particle: float) -> float:
         return contact.beverloo_flow(opening.gap, particle)
     law = contact.rectangle_flow if opening.walled else contact.slot_flow
     return law(opening.length, opening.gap, particle)
+
+
+def simulated_flow(opening: Opening, classes: SizeClasses) -> float:
+    """Free discharge through an opening of the particles of a run [m³/s]: with mass scaling they fall more slowly."""
+    return free_flow(opening, classes.mean_diameter) / math.sqrt(classes.mass_factor)
 
 
 @dataclass(frozen=True)
@@ -198,6 +199,7 @@ class Settings:
     ----------
     classes : sizes of the simulated particles, coarse-grained ones enlarged
     youngs_modulus : of the particles [Pa]
+    gravity : [m/s²]; less than that of the Earth with mass scaling, so that the bed weighs the same
     rayleigh_time : of the smallest particle [s]
     time_step : [s]
     plate_speed : downwards [m/s]; 0 with an open outlet; with several outlets the mean over their area
@@ -224,6 +226,7 @@ class Settings:
 
     classes: SizeClasses
     youngs_modulus: float
+    gravity: float
     rayleigh_time: float
     time_step: float
     plate_speed: float
@@ -306,8 +309,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     """
     factor, classes = case.dem.coarse_grain_factor, simulated_classes(case)
     _check_number(classes, vessel)
-    given = enlarged_classes(case)
-    gap_decisions = [check_gap(opening, given, factor) for opening in vessel.openings]
+    gap_decisions = [check_gap(opening, classes, factor) for opening in vessel.openings]
     _check_rest(case)
     reservoir = _reservoir_height(case, vessel, classes)
     level = vessel.top + reservoir
@@ -330,7 +332,8 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     clearance = max(least_clearance, averaged_clearance - min(vessel.plates) * length.start_travel)
     plate_z = vessel.outlet - clearance
     highest = start.most if start else speed
-    fall = math.sqrt(2 * contact.GRAVITY * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + highest
+    gravity = contact.GRAVITY / classes.mass_factor  # so that the bed weighs the same
+    fall = math.sqrt(2 * gravity * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + highest
     step, rayleigh, step_choice = _time_step(case, classes, youngs, fall, skin)
     plate_speed = 0.0 if open_outlet else speed
     travel = plate_speed * length.time + length.start_travel
@@ -348,6 +351,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     return Settings(
         classes=classes,
         youngs_modulus=youngs,
+        gravity=gravity,
         rayleigh_time=rayleigh,
         time_step=step,
         plate_speed=plate_speed,
@@ -370,7 +374,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         particles=particles,
         decisions=(
             *gap_decisions,
-            *_fines(case, given, classes),
+            *_mass_scaling(classes),
             _size_ratio(classes),
             *_coarse_graining(case),
             youngs_choice,
@@ -443,19 +447,16 @@ def _closed(opening: Opening) -> str:
     return f"should the two sides touch? then draw them with a common point near {near}"
 
 
-def _fines(case: Case, given: SizeClasses, classes: SizeClasses) -> list[Decision]:
-    """What is left out of the sizes of the material, and what that saves."""
-    if case.dem.fines == "simulated":
+def _mass_scaling(classes: SizeClasses) -> list[Decision]:
+    """How much heavier the smallest particles are made, and what that saves."""
+    heaviest = float(classes.density_factor.max())
+    if heaviest == 1:
         return []
-    if case.dem.outlet == "open":
-        raise CaseError("free discharge depends on all sizes: set dem.outlet: plate, or simulated", key=FINES_KEY)
-    step, number = classes.smallest / given.smallest, given.mean_volume / classes.mean_volume
-    mass = given.mass_share[given.radius < classes.smallest].sum()
     criterion = (
-        f"{mass:.1%} of the mass, at most {FINES:.0%}: {step:.2g} times the time step, {number:.2g} times the "
-        f"particles, Sauter diameter {classes.sauter_diameter / given.sauter_diameter:.3g} times as large"
+        f"inertia of all below the Sauter diameter of {classes.sauter_diameter:.3g} m, gravity over "
+        f"{classes.mass_factor:.3g}: {math.sqrt(heaviest):.3g} times the time step"
     )
-    return [Decision("fines left out", f"below {2 * classes.smallest:.3g} m", criterion, warning=FINES_COMPARED)]
+    return [Decision("mass scaling", f"up to {heaviest:.3g} times", criterion)]
 
 
 def _size_ratio(classes: SizeClasses) -> Decision:
@@ -528,7 +529,7 @@ def _time_step(
     case: Case, classes: SizeClasses, youngs: float, speed: float, skin: float
 ) -> tuple[float, float, Decision]:
     """Time step and Rayleigh time [s]; `speed` is that of the fastest particle to be expected [m/s]."""
-    law, density = case.contact, case.material.density
+    law, density = case.contact, case.material.density * float(classes.density_factor[0])
     rayleigh = contact.rayleigh_time(classes.smallest, density, youngs, law.poisson)
     restitution = min(law.restitution, law.wall.restitution)
     limits = step_limits(law, restitution, classes.smallest, density, youngs, speed, skin)
@@ -544,12 +545,12 @@ def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStr
     area = vessel.outlet_area
     if case.dem.outlet == "open":
         required = [opening for opening in vessel.openings if opening.required]
-        narrowest = min(required, key=lambda opening: free_flow(opening, classes.mean_diameter))
-        free = free_flow(narrowest, classes.mean_diameter)
+        narrowest = min(required, key=lambda opening: simulated_flow(opening, classes))
+        free = simulated_flow(narrowest, classes)
         return free / area, Decision(
             "flow", f"{free:.3g} m³/s", f"free discharge at the {narrowest.name} after Beverloo"
         )
-    quick, quick_name = _least(vessel, lambda o, s: BEVERLOO_SHARE * free_flow(o, classes.mean_diameter) / (s * area))
+    quick, quick_name = _least(vessel, lambda o, s: BEVERLOO_SHARE * simulated_flow(o, classes) / (s * area))
     inertia = SPEED_ERROR / contact.FRICTION_SLOPE
 
     def calm_speed(opening: Opening, share: float) -> float:
@@ -558,7 +559,7 @@ def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStr
             share * area / opening.area,
             min(opening.gap, opening.length) if opening.walled and opening.length else opening.gap,
             classes.sauter_diameter,
-            case.material.density,
+            case.material.density * classes.mass_factor,
             stress.at(opening.z),
         )
         return inertia / at_one
@@ -617,7 +618,7 @@ def _faster_start(case: Case, vessel: Vessel, classes: SizeClasses, speed: float
     if case.dem.outlet == "open":
         return None
     given = case.dem.start_speed
-    free, name = _least(vessel, lambda o, s: free_flow(o, classes.mean_diameter) / (s * vessel.outlet_area))
+    free, name = _least(vessel, lambda o, s: simulated_flow(o, classes) / (s * vessel.outlet_area))
     most = START_BEVERLOO_SHARE * free if given == "auto" else float(given)
     if most < LEAST_START_GAIN * speed:
         return None

@@ -7,7 +7,7 @@ volume of the particles that it stands for: its radius is the cube root of the m
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,29 +16,43 @@ from granpipe.case.schema import Case
 from granpipe.errors import CaseError
 from granpipe.field import Array
 
-FINES_KEY = ("dem", "fines")
-
-FINES = 0.1
-"""Share of the mass that fines have at the most (`dem.fines: left_out`)."""
-
-OF_SIZES = ("size_classes", "mixing")
-"""What of homogenize.fields tells of the sizes of particles."""
+TRUE_MASSES = ("size_classes", "mixing", "granular_temperature", "stress", "wall_pressure")
+"""What of homogenize.fields depends on the mass of each particle: on how sizes separate, collide and weigh."""
 
 _QUADRATURE = 400  # midpoints per class; the densities are smooth, so class volumes are right to 1e-5
 
 
 @dataclass(frozen=True)
 class SizeClasses:
-    """Radii (n,) [m], rising, and the share of the particle number in each class (n,), summing to 1."""
+    """Radii (n,) [m], rising, and the share of the particle number in each class (n,), summing to 1.
+
+    Parameters
+    ----------
+    mass_scaled : particles below the Sauter diameter d₃₂ are heavier than the material's, until their d √ρ is that of
+        d₃₂. The Rayleigh time goes with it, and so does the inertial number: a slow bed hardly notices inertia
+    """
 
     radius: Array
     number_share: Array
+    mass_scaled: bool = False
 
     @property
     def mass_share(self) -> Array:
         """(n,) share of the mass in each class."""
         mass = self.number_share * self.radius**3
         return np.asarray(mass / mass.sum())
+
+    @property
+    def density_factor(self) -> Array:
+        """(n,) density in each class over the material's; 1 without mass scaling."""
+        if not self.mass_scaled:
+            return np.ones_like(self.radius)
+        return np.asarray(np.maximum(1.0, (0.5 * self.sauter_diameter / self.radius) ** 2))
+
+    @property
+    def mass_factor(self) -> float:
+        """Mass of all particles together over what the material's have; gravity is divided by it."""
+        return float(self.mass_share @ self.density_factor)
 
     @property
     def mean_volume(self) -> float:
@@ -73,46 +87,18 @@ class SizeClasses:
 
     def enlarged(self, factor: float) -> SizeClasses:
         """The same shares with radii multiplied by the coarse-grain factor."""
-        return SizeClasses(self.radius * factor, self.number_share)
+        return replace(self, radius=self.radius * factor)
 
-    def without_fines(self) -> SizeClasses:
-        """Without the classes that hold the finest `FINES` of the mass; the others keep their shares."""
-        kept = np.cumsum(self.mass_share) > FINES + 1e-12  # rounding makes no tenth more than one
-        return SizeClasses(self.radius[kept], self.number_share[kept] / self.number_share[kept].sum())
-
-
-def enlarged_classes(case: Case) -> SizeClasses:
-    """All sizes of the material, enlarged as the particles of a DEM run are."""
-    return size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
+    def scaled(self) -> SizeClasses:
+        """The same with mass scaling."""
+        return replace(self, mass_scaled=True)
 
 
 def simulated_classes(case: Case) -> SizeClasses:
-    """The particles of a DEM run: the material's, enlarged, and without fines where the case leaves them out.
-
-    Raises
-    ------
-    CaseError : fines are to be left out, and the material has no class of so little mass
-    """
-    classes = enlarged_classes(case)
-    if case.dem.fines == "simulated":
-        return classes
-    coarse = classes.without_fines()
-    if len(coarse.radius) == len(classes.radius):
-        raise CaseError(
-            f"the smallest class of particles has {classes.mass_share[0]:.1%} of the mass, and fines are at most "
-            f"{FINES:.0%} of it: leave it out, or give more material.size.classes",
-            FINES_KEY,
-        )
-    return coarse
-
-
-def check_fields_of_sizes(case: Case) -> None:
-    """CaseError where a result is to tell of sizes and some of them are left out."""
-    found = [name for name in case.homogenize.fields if name in OF_SIZES]
-    if found and case.dem.fines == "left_out":
-        raise CaseError(
-            f"{found[0]} tells of sizes, some of which dem.fines leaves out: set simulated", ("homogenize", "fields")
-        )
+    """The particles of a DEM run: the material's, enlarged, and with mass scaling where it does no harm."""
+    classes = size_classes(case.material.size).enlarged(case.dem.coarse_grain_factor)
+    slow, plain = case.dem.outlet == "plate", set(TRUE_MASSES).isdisjoint(case.homogenize.fields)
+    return classes.scaled() if case.dem.mass_scaling == "auto" and slow and plain else classes
 
 
 def size_classes(size: Size) -> SizeClasses:

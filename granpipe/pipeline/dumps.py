@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from granpipe.case.schema import Case
-from granpipe.dem.sizes import check_fields_of_sizes, simulated_classes
+from granpipe.dem.sizes import simulated_classes
 from granpipe.errors import DataError
 from granpipe.field import Box, Field, Grid, level_flow
 from granpipe.geometry.openings import find_openings
@@ -80,7 +80,6 @@ def homogenize_files(request: Request, case: Case | None, walls: Walls | None = 
     if case is None:
         return _on_grid(request)
     check_dumps(case)
-    check_fields_of_sizes(case)
     if case.vessel is not None:
         raise DataError(
             "the case has a vessel in space: give its file by --plane xyz --walls and --unit, and leave out --case"

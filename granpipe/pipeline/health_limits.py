@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from granpipe.dem import contact
 from granpipe.dem.health import FlowLimits
-from granpipe.dem.settings import PACKING, Settings, free_flow
+from granpipe.dem.settings import PACKING, Settings, simulated_flow
 from granpipe.field import Array, Mask
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
@@ -46,14 +48,13 @@ def space_limits(vessel: SpaceVessel, settings: Settings, wall_friction: float) 
     """The same of a vessel in space; flow scales are those of the outline that has its areas."""
     outline, bulk_flow = vessel.outline, settings.inlet_speed * vessel.outline.inlet_area
     names = {_described(opening): outlet for opening, outlet in zip(vessel.openings, vessel.outlets, strict=True)}
-    particle = settings.classes.mean_diameter
     return FlowLimits(
         measure=None,
         inside=vessel.contains,
         levels={name: one.opening.z for name, one in names.items()},
         areas={name: one.spout.area for name, one in names.items()},
         loads={
-            name: bulk_flow * outlet.load / free_flow(opening, particle)
+            name: bulk_flow * outlet.load / simulated_flow(opening, settings.classes)
             for (name, outlet), opening in zip(names.items(), vessel.openings, strict=True)
         },
         flow=PACKING * bulk_flow,
@@ -81,7 +82,8 @@ def _load(outline: Outline, settings: Settings, opening: Opening, bulk_flow: flo
     """Flow that the plate asks for over the free discharge at the level of an opening; 0 without a plate."""
     if settings.open_outlet:
         return 0.0
-    return bulk_flow / free_discharge(outline, opening, settings.classes.mean_diameter).bulk
+    free = free_discharge(outline, opening, settings.classes.mean_diameter).bulk
+    return bulk_flow / free * math.sqrt(settings.classes.mass_factor)  # they fall more slowly
 
 
 def _flow_energy(outline: Outline, bulk_flow: float) -> float:

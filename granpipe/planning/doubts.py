@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from granpipe.case.schema import Case
 from granpipe.dem.settings import LEAST_GAP
-from granpipe.dem.sizes import enlarged_classes, size_classes
+from granpipe.dem.sizes import simulated_classes, size_classes
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.planning.sections import section_ranges
@@ -49,7 +49,7 @@ def unit_hint(case: Case, outline: Outline) -> str:
 
 def size_hint(case: Case, outline: Outline) -> str:
     """A question where the openings are too narrow for sizes that may have been diameters, not radii."""
-    classes = enlarged_classes(case)
+    classes = simulated_classes(case)
     narrowest = min(opening.gap for opening in find_openings(outline)) / classes.d90
     if case.material.size.radius is None or not 0.5 * LEAST_GAP <= narrowest < LEAST_GAP:
         return ""

@@ -12,7 +12,7 @@ import numpy as np
 from granpipe.case.reader import varied
 from granpipe.case.schema import Case
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, check_gap, choose
-from granpipe.dem.sizes import check_fields_of_sizes, enlarged_classes, simulated_classes, size_classes
+from granpipe.dem.sizes import simulated_classes, size_classes
 from granpipe.errors import CaseError, MeshError
 from granpipe.field import Array, Box, Grid, section_rows
 from granpipe.fluid.friction_error import ExpectedError, Rheology, expected_error
@@ -475,7 +475,6 @@ class _Scene:
             self._results("dem"),
         ]
         left = [Stage("fluid solve", "the DEM run covers the whole vessel"), *_left_out_of_decks(self.case)]
-        check_fields_of_sizes(self.case)
         if "mixing" in self.case.homogenize.fields and len(settings.classes.radius) < 2:
             raise CaseError("mixing tells how sizes lie among each other, and material.size is one size alone", FIELDS)
         grid = self._grid(settings.classes.sauter_diameter / CELLS_PER_DIAMETER)
@@ -515,7 +514,7 @@ class _Scene:
                 )
             return self.outline, (
                 Decision("slab depth", f"{self.outline.measure.turn:.3g} m", "all of it, between front and back wall"),
-                check_gap(_depth_gap(self.outline), enlarged_classes(self.case), self.case.dem.coarse_grain_factor),
+                check_gap(_depth_gap(self.outline), classes, self.case.dem.coarse_grain_factor),
             )
         thickness = THICKNESS * classes.d90 if given == "auto" else float(given)
         ratio = thickness / classes.d90

@@ -42,7 +42,7 @@ CHEAP, BEST = "cheap", "best"
 _KEYS = {
     "model": "model",
     "coarse_grain_factor": "dem.coarse_grain_factor",
-    "fines": "dem.fines",
+    "mass_scaling": "dem.mass_scaling",
     "youngs_modulus": "contact.youngs_modulus",
     "time_step": "dem.time_step",
     "reservoir_height": "dem.reservoir_height",
@@ -72,6 +72,7 @@ class Basis:
     models : which of these the scene allows
     cores : that a point may keep busy
     max_time : of production [s]
+    mass_scaled : whether the smallest particles are heavier than the material's
     """
 
     youngs_modulus: float
@@ -84,6 +85,7 @@ class Basis:
     cores: int = 1
     max_time: float = 0.0
     thickness: float = 0.0
+    mass_scaled: bool = False
 
 
 @dataclass(frozen=True)
@@ -181,7 +183,7 @@ def _usual(case: Case, basis: Basis) -> dict[str, list[str]]:
     factors = {max(1.0, case.dem.coarse_grain_factor * share) for share in SIZES} - {case.dem.coarse_grain_factor}
     found |= {
         "coarse_grain_factor": [_text(factor) for factor in sorted(factors)],
-        "fines": ["left_out" if case.dem.fines == "simulated" else "simulated"],
+        "mass_scaling": ["none"] if basis.mass_scaled else [],
         "youngs_modulus": [_text(factor * basis.youngs_modulus) for factor in STIFFNESSES],
         "time_step": [_text(factor * basis.time_step) for factor in STEPS],
         "reservoir_height": [_text(factor * basis.reservoir_height) for factor in RESERVOIRS],

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from granpipe.case.reader import resolve, varied
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
-from granpipe.dem.sizes import FINES_KEY
 from granpipe.errors import CaseError
 from granpipe.geometry.revolve import Turn
 from granpipe.planning.forecast import forecast as forecast_of
@@ -83,7 +82,6 @@ def make_study(
     axes: Axes | None = None,
     rates: Rates | None = None,
     inputs: Sequence[Input] = (),
-    referred: bool = False,
 ) -> Study:
     """The study of a case that some hours on some cores allow; CaseError where not even the case itself is possible.
 
@@ -92,18 +90,11 @@ def make_study(
     axes : those to go along, all unless some are named, and their values; none where only inputs are
     rates : of this machine, where they are known
     inputs : what is known as a range: the case is run at both ends as well
-    referred : whether errors are counted from an earlier run
     """
     if case.dem.walls == "set_back":
         raise CaseError(
             "a study tells errors of size between walls as drawn: set as_drawn; compare walls by `granpipe compare`",
             ("dem", "walls"),
-        )
-    if case.dem.fines == "left_out" and not referred:
-        raise CaseError(
-            "a study finds what fines change along its axis `fines`: set simulated, or count errors from a run with "
-            "fines by --reference",
-            FINES_KEY,
         )
     if case.vessel is not None:
         raise CaseError("a study is made of outlines only; vary a vessel in space by a sweep", ("vessel",))
@@ -148,6 +139,7 @@ def _basis(case: Case, plans: Mapping[Model, Plan | CaseError]) -> Basis:
         model=chosen.model,
         models=possible,
         max_time=dem.length.time,
+        mass_scaled=dem.classes.mass_factor > 1,
     )
 
 

@@ -36,7 +36,7 @@ SHIPPED = Path(__file__).parents[1] / "templates" / "studies"
 _SETTLED = (
     ("contact", "youngs_modulus"),
     ("dem", "coarse_grain_factor"),
-    ("dem", "fines"),
+    ("dem", "mass_scaling"),
     ("dem", "walls"),
     ("dem", "plate_speed"),
     ("dem", "start_speed"),
@@ -281,7 +281,7 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
     """
     own = {
         "dem.coarse_grain_factor": "1",
-        "dem.fines": "simulated",
+        "dem.mass_scaling": "auto",
         "dem.walls": "as_drawn",
         "dem.plate_speed": "auto",
         "dem.start_speed": "auto",
@@ -293,7 +293,7 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
         "model": "dem",
         "homogenize.method": "psi",
         "homogenize.start": "auto",
-        "dem.fines": model.case.dem.fines,
+        "dem.mass_scaling": model.case.dem.mass_scaling,
         "dem.walls": "as_drawn",
         "dem.coarse_grain_factor": f"{max(1.0, _narrowness(fine) / _narrowness(model)):.4g}",
         "dem.plate_speed": "auto",

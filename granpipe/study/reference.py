@@ -80,7 +80,7 @@ class EarlierRun:
         found = {
             "model": "dem",
             "dem.coarse_grain_factor": repr(given.coarse_grain_factor),
-            "dem.fines": given.fines,
+            "dem.mass_scaling": given.mass_scaling,
             "contact.youngs_modulus": repr(dem.youngs_modulus),
             "dem.reservoir_height": repr(0.5 * (dem.feed_bottom + dem.feed_top) - self.plan.outline.z_top),
             "dem.facets": str(given.facets),
@@ -220,8 +220,6 @@ def read_reference(folder: Path, case: Case) -> EarlierRun:
         )
     if found.plan.case.dem.walls == "set_back":
         raise CaseError(f"{folder} is a run with walls set back; give one with dem.walls: as_drawn", place=PLACE)
-    if found.plan.case.dem.fines == "left_out":
-        raise CaseError(f"{folder} is a run without fines; give one with dem.fines: simulated", place=PLACE)
     return found
 
 

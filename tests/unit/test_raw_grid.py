@@ -88,14 +88,6 @@ def test_dumps_are_averaged_between_the_walls_that_the_case_draws(tmp_path: Path
         assert refused.value.key == ("dem", "walls")
 
 
-def test_fields_of_sizes_of_dumps_are_refused_where_the_case_leaves_fines_out(tmp_path: Path) -> None:
-    dumps = PlaneFlow().dumps(tmp_path, 0.1, 2)
-    changes = {"dem.fines": "left_out", "homogenize.fields": "[size_classes]"}
-    case = load_case(Path(__file__).parents[2] / "cases" / "reactor.yaml", changes)
-    with pytest.raises(CaseError, match=r"some of which dem\.fines leaves out: set simulated"):
-        homogenize_files(Request(dumps, Frame("rz", 0.02), 1e-4), case)
-
-
 def test_flow_through_the_ends_of_x_is_not_made_to_conserve(tmp_path: Path) -> None:
     dumps = PlaneFlow().dumps(tmp_path, 0.1, 9)
     made = homogenize_files(Request(dumps, Frame("xz", 0.04, x=(0.1, 0.3), z=(0.0, 1.0)), 1e-4), None)

@@ -151,13 +151,6 @@ def test_another_scene_is_refused_with_what_differs(tmp_path: Path, case: dict[s
     assert str(refused.value).startswith("--reference: ")
 
 
-def test_a_run_without_fines_is_no_reference(tmp_path: Path) -> None:
-    wide = "{diameter: {sieve: {edges: [8 mm, 12 mm, 16 mm], fractions: [5 %, 95 %]}}, by: mass}"
-    results(tmp_path / "run", material__size=wide, dem__fines="left_out")
-    with pytest.raises(CaseError, match=r"without fines; give one with dem\.fines: simulated"):
-        read_reference(tmp_path / "run", varied(CASE, {"material.size": wide}))
-
-
 def test_another_model_and_a_field_without_errors_are_refused(tmp_path: Path) -> None:
     def fluid(files: dict) -> None:
         files["plan"] = {"model": "fluid"}
