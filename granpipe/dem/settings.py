@@ -65,8 +65,9 @@ LEAST_GAP = 5.0
 LEAST_COARSE_GAP = 3.0
 """The same of particles that stand for smaller ones: such a run is marked, but it tells what coarseness costs."""
 
-SKIN = 0.2
-"""Neighbour skin in mean diameters; run times hardly differ from 0.1 to 0.5."""
+SKIN, WIDEST_SKIN = 0.2, 0.3
+"""Neighbour skin in mean diameters, and at the most, where the time step needs it: then a step costs 3 % more (see
+docs/validation/deck_levers.md)."""
 
 RATE = 1.5e6
 """Particle-steps per second of one rank: two made 2.7e6 with hertz/epsd2 and 13 000 spheres on two idle cores."""
@@ -317,7 +318,6 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     least_clearance = 0.0 if open_outlet else LEAST_CLEARANCE * classes.d90
     averaged_clearance = 0.0 if open_outlet else max(least_clearance, vessel.outlet_radius)
     feed = min(reservoir, 8 * classes.largest)
-    skin = contact.two_digits(SKIN * classes.mean_diameter)
     stress = vessel.bed_stress(
         level, vessel.outlet - averaged_clearance, PACKING * case.material.density, case.contact.wall.friction
     )
@@ -334,6 +334,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     highest = start.most if start else speed
     gravity = contact.GRAVITY / classes.mass_factor  # so that the bed weighs the same
     fall = math.sqrt(2 * gravity * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + highest
+    skin, skin_choice = _skin(case, classes, youngs, fall)
     step, rayleigh, step_choice = _time_step(case, classes, youngs, fall, skin)
     plate_speed = 0.0 if open_outlet else speed
     travel = plate_speed * length.time + length.start_travel
@@ -379,7 +380,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
             *_coarse_graining(case),
             youngs_choice,
             step_choice,
-            Decision("neighbour skin", f"{skin:.3g} m", f"{SKIN:g} of the mean diameter"),
+            skin_choice,
             speed_choice,
             *([start.decision(start_speed)] if start else []),
             _time_choice(case, length),
@@ -529,15 +530,33 @@ def _time_step(
     case: Case, classes: SizeClasses, youngs: float, speed: float, skin: float
 ) -> tuple[float, float, Decision]:
     """Time step and Rayleigh time [s]; `speed` is that of the fastest particle to be expected [m/s]."""
-    law, density = case.contact, case.material.density * float(classes.density_factor[0])
-    rayleigh = contact.rayleigh_time(classes.smallest, density, youngs, law.poisson)
-    restitution = min(law.restitution, law.wall.restitution)
-    limits = step_limits(law, restitution, classes.smallest, density, youngs, speed, skin)
+    density = case.material.density * float(classes.density_factor[0])
+    rayleigh = contact.rayleigh_time(classes.smallest, density, youngs, case.contact.poisson)
+    limits = _step_limits(case, classes, youngs, speed, skin)
     criterion, limit = min(limits.items(), key=lambda item: item[1])
     given = case.dem.time_step
     step = contact.two_digits(limit) if given == "auto" else float(given)
     breach = "" if step <= 1.05 * limit else f"at most {criterion} is stable; the bed may never come to rest"
     return step, rayleigh, Decision("time_step", f"{step:.3g} s", criterion, breach)
+
+
+def _step_limits(case: Case, classes: SizeClasses, youngs: float, speed: float, skin: float) -> dict[str, float]:
+    law, density = case.contact, case.material.density * float(classes.density_factor[0])
+    return step_limits(law, min(law.restitution, law.wall.restitution), classes.smallest, density, youngs, speed, skin)
+
+
+def _skin(case: Case, classes: SizeClasses, youngs: float, speed: float) -> tuple[float, Decision]:
+    """Neighbour skin [m]: the usual one, or one as wide as the time step needs that the contacts allow."""
+    usual, widest = (contact.two_digits(share * classes.mean_diameter) for share in (SKIN, WIDEST_SKIN))
+    given = case.dem.time_step
+    allowed = min(_step_limits(case, classes, youngs, speed, math.inf).values())
+    step = contact.two_digits(allowed) if given == "auto" else float(given)
+    needed = contact.two_digits_up(step * speed / contact.SKIN_SHARE)
+    skin = min(max(usual, needed), widest)
+    criterion = f"{SKIN:g} of the mean diameter"
+    if skin > usual:
+        criterion += f", at most {WIDEST_SKIN:g} where the time step needs it"
+    return skin, Decision("neighbour skin", f"{skin:.3g} m", criterion)
 
 
 def _flow_speed(case: Case, vessel: Vessel, classes: SizeClasses, stress: BedStress) -> tuple[float, Decision]:
