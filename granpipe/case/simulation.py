@@ -37,9 +37,10 @@ class Dem(Group):
     )
     mass_scaling: Annotated[MassScaling, OneOf(MassScaling)] = Field(
         default="auto",
-        description="`auto`: particles below the Sauter diameter are made heavier, until their inertia allows the time "
-        "step of that diameter, and gravity smaller, so that the bed weighs the same. Not with `outlet: open`, nor "
-        "where `homogenize.fields` ask for forces or sizes.",
+        description="`auto`: particles below the Sauter diameter are made heavier, up to four times, until their "
+        "inertia allows the time step of that diameter, and gravity smaller, so that the bed weighs the same. Not with "
+        "`outlet: open`, nor where `homogenize.fields` has `stress`, `wall_pressure`, `granular_temperature`, "
+        "`size_classes` or `mixing`.",
     )
     walls: Annotated[Walls, OneOf(Walls)] = Field(
         default="as_drawn",

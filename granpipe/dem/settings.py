@@ -25,7 +25,7 @@ from granpipe.dem.duration import (
     duration,
     start_pays,
 )
-from granpipe.dem.sizes import SizeClasses, simulated_classes
+from granpipe.dem.sizes import MOST_DENSE, SizeClasses, simulated_classes
 from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
 from granpipe.field import ROUND, Measure
@@ -454,8 +454,9 @@ def _mass_scaling(classes: SizeClasses) -> list[Decision]:
     if heaviest == 1:
         return []
     criterion = (
-        f"inertia of all below the Sauter diameter of {classes.sauter_diameter:.3g} m, gravity over "
-        f"{classes.mass_factor:.3g}: {math.sqrt(heaviest):.3g} times the time step"
+        f"what is below the Sauter diameter of {classes.sauter_diameter:.3g} m gets its inertia, at most "
+        f"{MOST_DENSE:g} times the density; gravity over {classes.mass_factor:.3g}: {math.sqrt(heaviest):.3g} times "
+        "the time step"
     )
     return [Decision("mass scaling", f"up to {heaviest:.3g} times", criterion)]
 

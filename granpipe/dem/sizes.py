@@ -19,6 +19,10 @@ from granpipe.field import Array
 TRUE_MASSES = ("size_classes", "mixing", "granular_temperature", "stress", "wall_pressure")
 """What of homogenize.fields depends on the mass of each particle: on how sizes separate, collide and weigh."""
 
+MOST_DENSE = 4.0
+"""Density of the heaviest particles over the material's, at most: fields were compared up to 3.5 (see
+docs/validation/mass_scaling.md), and far heavier ones would let the others float."""
+
 _QUADRATURE = 400  # midpoints per class; the densities are smooth, so class volumes are right to 1e-5
 
 
@@ -29,7 +33,8 @@ class SizeClasses:
     Parameters
     ----------
     mass_scaled : particles below the Sauter diameter d₃₂ are heavier than the material's, until their d √ρ is that of
-        d₃₂. The Rayleigh time goes with it, and so does the inertial number: a slow bed hardly notices inertia
+        d₃₂, or they are `MOST_DENSE`. The Rayleigh time goes with it, and so does the inertial number: a slow bed
+        hardly notices inertia
     """
 
     radius: Array
@@ -47,7 +52,7 @@ class SizeClasses:
         """(n,) density in each class over the material's; 1 without mass scaling."""
         if not self.mass_scaled:
             return np.ones_like(self.radius)
-        return np.asarray(np.maximum(1.0, (0.5 * self.sauter_diameter / self.radius) ** 2))
+        return np.asarray(np.clip((0.5 * self.sauter_diameter / self.radius) ** 2, 1.0, MOST_DENSE))
 
     @property
     def mass_factor(self) -> float:

@@ -30,6 +30,15 @@ def test_small_particles_get_the_inertia_of_the_sauter_diameter() -> None:
     np.testing.assert_allclose(classes.enlarged(3).density_factor, [2.25, 1])
 
 
+def test_nothing_gets_more_than_four_times_as_heavy() -> None:
+    """A thousand of radius 1 and one of 10: r₃₂ = 2000/1100; of radius 0.5 beside them more than 4 would be due."""
+    assert SizeClasses(np.array([0.5, 1.0, 10.0]), np.array([10, 1000, 1])).scaled().density_factor.tolist() == [
+        4,
+        pytest.approx((2001.25 / 1102.5) ** 2),
+        1,
+    ]
+
+
 def test_one_size_is_as_heavy_as_the_material() -> None:
     assert SizeClasses(np.array([0.1]), np.array([1.0])).scaled().mass_factor == 1
 
