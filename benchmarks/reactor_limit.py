@@ -130,14 +130,14 @@ class Entry:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=["pack", "page"])
-    parser.add_argument("results", type=Path, nargs="*", help="pack: that of the limit; page: what to compare as well")
+    parser.add_argument("results", type=Path, nargs="*", help="pack: those of the limit; page: what to compare as well")
     parser.add_argument("--limit", type=Path, default=LIMIT, help="results folder of the limit, packed or not")
     parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation" / "reactor_limit.md")
     options = parser.parse_args()
     if options.what == "pack":
-        if len(options.results) != 1:
-            parser.error("pack takes one results folder")
-        pack(options.results[0], options.limit)
+        if not options.results:
+            parser.error("pack takes results folders, one of each filling")
+        pack(options.results, options.limit)
     else:
         options.out.write_text(page(options.limit, options.results))
         print(options.out.read_text())
@@ -146,20 +146,46 @@ def main() -> None:
 # ── the limit as a small results folder ──────────────────────────────────────
 
 
-def pack(folder: Path, target: Path) -> None:
-    """The results folder of a run with what a reference needs alone, its field to the digits that mean something."""
-    run = read_run(folder)
+def pack(folders: Sequence[Path], target: Path) -> None:
+    """The results folder of a run with what a reference needs alone, its field to the digits that mean something.
+
+    Of several fillings it is that of the first, as if they were its replicas: the field is their mean, by travel.
+    """
+    runs = [read_run(folder) for folder in folders]
+    for run in runs[1:]:
+        if apart := [*scene_differences(runs[0].plan.case, run.plan.case)]:
+            raise SystemExit(f"{run.folder}: another scene: {'; '.join(apart)}")
+    travel = sum(run.travel for run in runs)
+    mean = mixed([(run.travel / travel, at_flow_of(runs[0].field, run.field)) for run in runs])
     with renewing(target, print) as aside:
-        lean(run.field).save(aside / "field.npz")
-        for name in FILES[1:]:
-            shutil.copyfile(folder / name, aside / name)
-        told = read_json(folder / "provenance.json")
+        lean(mean).save(aside / "field.npz")
+        shutil.copyfile(folders[0] / "plan.json", aside / "plan.json")
+        text = (folders[0] / "case.yaml").read_text()
+        (aside / "case.yaml").write_text(text.replace("replicas: 1", f"replicas: {len(runs)}"))
+        told = read_json(folders[0] / "provenance.json")
         told["origin"]["file"] = Path(told["origin"]["file"]).name  # its folder is that of one machine
+        others = [read_json(folder / "provenance.json") for folder in folders[1:]]
+        told["quality"] += [gate for other in others for gate in other["quality"]]
+        told["figures"] |= {
+            "effective_blocks": sum(run.blocks for run in runs),
+            "averaged_plate_travel_m": travel,
+            "averaged_to_s": max(run.time for run in runs),
+            "processor_seconds": [
+                spent for one in (told, *others) for spent in one["figures"].get("processor_seconds", [])
+            ],
+            "statistical_error": statistical_errors(mean, runs[0].plan.case.outline.levels),
+        }
         write_json(aside / "provenance.json", told)
     size = sum(file.stat().st_size for file in target.iterdir())
     print(f"{target}: {size / 1e3:.0f} kB")
-    for gate in run.failed:
+    for gate in dict.fromkeys(gate for run in runs for gate in run.failed):
         print(f"quality gate failed: {gate}")
+
+
+def at_flow_of(one: Field, other: Field) -> Field:
+    """Another field with fluxes at the flow of solids of the first."""
+    scale = one.bulk_flow * one.bulk_packing / (other.bulk_flow * other.bulk_packing)
+    return replace(scaled(other, scale), bulk_flow=one.bulk_flow, bulk_packing=one.bulk_packing)
 
 
 def lean(one: Field) -> Field:
@@ -391,19 +417,22 @@ def unit(one: Field, case: Case) -> Field:
     flow = target_flow(case, one.bulk_packing)
     scale = flow / one.bulk_flow / one.bulk_packing
 
-    def scaled(values: Array | None) -> Array | None:
+    return replace(scaled(one, scale), bulk_flow=flow, bulk_packing=1.0, flow_scale=1.0)
+
+
+def scaled(one: Field, scale: float) -> Field:
+    """The field with all fluxes times a number."""
+
+    def times(values: Array | None) -> Array | None:
         return None if values is None else scale * values
 
     return replace(
         one,
-        bulk_flow=flow,
-        bulk_packing=1.0,
-        flow_scale=1.0,
-        psi=scaled(one.psi),
+        psi=times(one.psi),
         flux_r=scale * one.flux_r,
         flux_z=scale * one.flux_z,
-        flux_r_se=scaled(one.flux_r_se),
-        flux_z_se=scaled(one.flux_z_se),
+        flux_r_se=times(one.flux_r_se),
+        flux_z_se=times(one.flux_z_se),
     )
 
 

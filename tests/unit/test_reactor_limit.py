@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from granpipe.study.reference import read_run
 
 def test_a_packed_run_is_a_small_results_folder_of_the_same_field(tmp_path: Path) -> None:
     folder, packed = results(tmp_path / "run"), tmp_path / "packed"
-    reactor_limit.pack(folder, packed)
+    reactor_limit.pack([folder], packed)
     whole, small = read_run(folder), read_run(packed)
     found = compare(whole.field, small.field, {}, 0.01)[0]
     assert found.observed < 1e-6
@@ -36,7 +37,29 @@ def test_a_packed_run_is_a_small_results_folder_of_the_same_field(tmp_path: Path
         "provenance.json",
     }
     assert json.loads((packed / "provenance.json").read_text())["origin"]["file"] == "smoke.yaml"
-    reactor_limit.pack(folder, packed)  # a second time takes the place of the first
+    reactor_limit.pack([folder], packed)  # a second time takes the place of the first
+
+
+def test_several_fillings_are_packed_as_their_mean_by_travel(tmp_path: Path) -> None:
+    """Three times as far with a noise of 1, and once at five times the flow with one of 10: √(0.75² + (0.25 · 2)²)."""
+
+    def filling(flow: float, noise: float, travel: float) -> Callable[[dict], None]:
+        def change(files: dict) -> None:
+            one = reactor_limit.scaled(files["field"], flow)
+            noisy = replace(one, flux_z_se=np.full_like(one.flux_z, noise), flux_r_se=0 * one.flux_r)
+            files["field"] = replace(noisy, bulk_flow=flow * one.bulk_flow)
+            files["provenance"]["figures"]["averaged_plate_travel_m"] = travel
+
+        return change
+
+    one, other = results(tmp_path / "1", filling(1, 1, 0.3)), results(tmp_path / "2", filling(5, 10, 0.1))
+    reactor_limit.pack([one, other], tmp_path / "packed")
+    mean, first = read_run(tmp_path / "packed"), read_run(one)
+    np.testing.assert_allclose(mean.field.flux_z, first.field.flux_z, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(mean.field.flux_z_se, (0.75**2 + 0.5**2) ** 0.5, rtol=1e-3)
+    assert (mean.blocks, mean.travel, mean.cores) == (60, pytest.approx(0.4), 2)
+    assert mean.plan.case.dem.replicas == 2
+    assert len(mean.failed) == 2
 
 
 def sized(diameter: float, cell: float = 0.025) -> reactor_limit.Entry:
