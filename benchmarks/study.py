@@ -54,14 +54,14 @@ with no more than that is made by `python benchmarks/reactor_limit.py pack RESUL
   are made from the same segments without running anything. Their time is LIGGGHTS's processor time for each rank up to
   there, filling included: the wall time on cores that nothing else uses. Replicas count for as many cores as they are.
 - **Statistical** is the standard error of the option's own average, **systematic** the difference of the point's
-  whole average from the limit: the material's own size, no plate speed, no softness, no time step. It is the difference
-  from the reference (that of `--reference`, or else finest particles, then slowest plate, then longest run), the noise
-  of both taken off, and the reference's own distance from the limit, added. The squares of both parts add to the error.
-  The 95 % bound includes how well either is known; by it an error is *proven*.
+  whole average from the limit: the material's own size, no plate speed, no softness, no time step, no mass scaling.
+  It is the difference from the reference (that of `--reference`, or else finest particles, then slowest plate, then
+  longest run), the noise of both taken off, and the reference's own distance from the limit, added. The squares of both
+  parts add to the error. The 95 % bound includes how well either is known; by it an error is *proven*.
 - **Unresolved** differences are smaller than their own uncertainty: only the bound is stated.
-- The **budget** goes on to the limit of each axis: the material's own size, no speed, no softness, no step. Along an
-  axis the field is F₀ + c xᵖ, c fitted face by face, p of first order with two points, of first or second with more.
-  What all settings together let expect stands beside what was measured.
+- The **budget** goes on to the limit of each axis: the material's own size, no speed, no softness, no step, no
+  mass scaling. Along an axis the field is F₀ + c xᵖ, c fitted face by face, p of first order with two points, of first
+  or second with more. What all settings together let expect stands beside what was measured.
 - Points have the seed of the case: beds that are filled alike lie less far apart than others would. The axis `seed` is
   another filling, the axis `ranks` a third one on two ranks; what they differ from the case beyond the noise, no error
   bar of a single run sees.

@@ -49,6 +49,7 @@ _SETTING: dict[str, Callable[[Plan], float]] = {
     "plate_speed": lambda plan: plan.dem.plate_speed,
     "youngs_modulus": lambda plan: plan.dem.youngs_modulus ** (-2 / 3),  # Hertz: overlaps go with this power
     "time_step": lambda plan: plan.dem.time_step,
+    "mass_scaling": lambda plan: plan.dem.classes.mass_factor - 1,
 }
 
 
@@ -57,6 +58,7 @@ _LABELS = {
     "plate_speed": "plate speed",
     "youngs_modulus": "stiffness",
     "time_step": "time step",
+    "mass_scaling": "mass scaling",
 }
 """Axis → what the table of uncertainty calls it."""
 
@@ -149,7 +151,8 @@ class Findings:
     Parameters
     ----------
     reference : name of the best point
-    distance : section → how far it is itself from the limit: the material's own size, no speed, no softness, no step
+    distance : section → how far it is itself from the limit: the material's own size, no speed, no softness, no
+        step, no mass scaling
     unknown : axes of which no two points tell what they add to that
     options, effects : what was measured
     axis_fits : along each axis that has a limit
@@ -337,6 +340,8 @@ class Comparison:
                 yield Part(label, "numerical", 0.0, "the material's own size")
             elif axis == "plate_speed" and self.base.plan.dem.open_outlet:
                 continue  # it flows as fast as it does in the process
+            elif axis == "mass_scaling" and self.base.plan.dem.classes.mass_factor == 1:
+                continue  # masses are the material's
             elif axis == "coarse_grain_factor" and self._at_own_size and base.systematic[name].upper:
                 basis = "the reference has the material's own size; half the 95 % bound of the difference from it"
                 yield numerical_part(label, base.systematic[name], basis)
@@ -539,7 +544,7 @@ class Comparison:
         return tuple(axis for axis in setting if axis not in self.slopes and setting[axis] > slack * self._limit(axis))
 
     def _limit(self, axis: str) -> float:
-        """The material's own size; no speed, no softness, no step."""
+        """The material's own size; no speed, no softness, no step, no mass scaling."""
         if axis != "coarse_grain_factor":
             return 0.0
         return size_classes(self.case.material.size).sauter_diameter

@@ -168,9 +168,9 @@ def _distance_text(found: Findings) -> str:
     if not told:
         return f"Errors are against the reference alone.{unknown}"
     return (
-        "Errors of options are against the limit: the material's own size, no plate speed, no softness, no time step. "
-        f"The reference is itself {percent(part.value)} from it, at most {percent(part.upper)} ({', '.join(told)}); "
-        f"that is added to each systematic error.{unknown}"
+        "Errors of options are against the limit: the material's own size, no plate speed, no softness, no time step, "
+        f"no mass scaling. The reference is itself {percent(part.value)} from it, at most {percent(part.upper)} "
+        f"({', '.join(told)}); that is added to each systematic error.{unknown}"
     )
 
 
@@ -213,7 +213,8 @@ def _particle_sections(found: Findings) -> Iterator[Section]:
         "Error budget",
         [
             "What each setting adds against the limit of its axis: the material's own size, no speed, no softness, no "
-            "step. The sum of all parts is the expected difference from the reference, next to the measured one.",
+            "step, no mass scaling. The sum of all parts is the expected difference from the reference, next to the "
+            "measured one.",
             *map(_axis_fit_text, found.axis_fits),
         ],
         head=("point", "statistical", *axes, "all parts, from the reference", "measured, from the reference"),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from granpipe.case.reader import load_case, varied
+from granpipe.case.schema import Case
 from granpipe.field import Field, flux_from_psi
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.study.axes import BASE
@@ -25,8 +26,9 @@ CASE = load_case(
     },
 )
 OWN = 0.01  # m, the material's own diameter
-PER_DIAMETER, PER_SPEED, PER_FRICTION = 6.0, 2.0, 0.5
-"""Relative change of the profile with the diameter beyond the material's own [1/m], the speed [s/m], friction."""
+PER_DIAMETER, PER_SPEED, PER_FRICTION, PER_MASS = 6.0, 2.0, 0.5, 0.8
+"""Relative change of the profile with the diameter beyond the material's own [1/m], the speed [s/m], friction, and the
+mass that mass scaling adds."""
 
 
 @dataclass
@@ -51,14 +53,15 @@ def shapes(grid):
     return flux_from_psi(plug, grid), flux_from_psi(bump, grid)
 
 
-def point(name: str, axis: str, changes: dict[str, str], sigma: float, seed: int) -> StudyPoint:
+def point(name: str, axis: str, changes: dict[str, str], sigma: float, seed: int, case: Case = CASE) -> StudyPoint:
     """Profile strength: as the diameter and the speed have it."""
-    plan = make_plan(varied(CASE, changes))
+    plan = make_plan(varied(case, changes))
     grid, rng = plan.grid, np.random.default_rng(seed)
     (plug_r, plug_z), (bump_r, bump_z) = shapes(grid)
     diameter, speed = plan.dem.classes.sauter_diameter, plan.dem.plate_speed
     strength = PER_DIAMETER * (diameter - OWN) + PER_SPEED * speed
     strength += PER_FRICTION * (plan.case.contact.friction - CASE.contact.friction)
+    strength += PER_MASS * (plan.dem.classes.mass_factor - 1)
     scale = np.abs(plug_z).mean()
     flux_z = plug_z + strength * bump_z + sigma * scale * rng.standard_normal(plug_z.shape)
     error_z = np.full_like(flux_z, sigma * scale / np.sqrt(2))  # two faces make the middle of a cell

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fakes.study_points import CASE, OWN, PER_DIAMETER, PER_FRICTION, PER_SPEED, norm_of_profile, point, study
+from fakes.study_points import CASE, OWN, PER_DIAMETER, PER_FRICTION, PER_MASS, PER_SPEED, norm_of_profile, point, study
 
+from granpipe.case.reader import varied
 from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.planning.plan import make_plan
@@ -32,6 +33,24 @@ def test_parts_are_those_that_were_put_in() -> None:
         assert size.value == pytest.approx(unit * PER_DIAMETER * (diameter - OWN), rel=0.1)
         assert plate.value == pytest.approx(unit * PER_SPEED * speed, rel=0.1)
         assert size.value <= size.upper
+
+
+def test_mass_scaling_counts_from_none() -> None:
+    sizes = "{diameter: {sieve: {edges: [6 mm, 10 mm, 12 mm], fractions: [40 %, 60 %]}}, by: mass}"
+    case, sigma = varied(CASE, {"material.size": sizes}), 0.002
+    points = [
+        point(BASE, "", {}, sigma, 1, case),
+        point("none", "mass_scaling", {"dem.mass_scaling": "none"}, sigma, 2, case),
+    ]
+    made = Comparison(case, points)
+    factor = points[0].plan.dem.classes.mass_factor
+    assert factor > 1.05
+    scaled, plain = (made.effect(one, {}).contributions["mass_scaling"]["whole"] for one in points)
+    assert scaled.value == pytest.approx(norm_of_profile(made) * PER_MASS * (factor - 1), rel=0.1)
+    assert plain.upper == 0
+    parts = made.uncertainty(made.effect(made.base, {}))["whole"]
+    assert "mass scaling" not in parts.missing
+    assert "mass scaling" in {part.name for part in parts.parts}
 
 
 def test_the_uncertainty_of_an_input_is_what_was_put_in_and_no_end_of_it_becomes_the_reference() -> None:
