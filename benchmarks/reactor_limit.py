@@ -89,10 +89,10 @@ and the automatic plate speed of 0.031 m/s, in two other fillings, are 1.4 and 2
 noise 2.4 and 3.1 %, below 2.6 and 3.3 %. After 6 s, in 26 and 25 core-minutes, they are below 3.4 and 4.6 %. On a
 plate at 0.05 m/s they are 4.8 % away, most below the widening. Without mass scaling and with E 9.7 MPa such a plate
 gave 4.9 % in 53 min, which an earlier version of this page put down to the filling: it is the speed. Enlarged 1.5
-times, as soft, 6 s, a run is below 9.9 % with its noise, in 5 min. Enlarged twice, a field is 13 to 14 % wrong,
-whatever the filling and the masses, most where solids run down a free surface below the ring (f). Neither going on in
-size from two runs nor means with the frictional fluid nor its change with size is clearly better on the whole than
-the finer run alone.
+times, as soft, 6 s, two runs are below 9.9 and 9.7 % with their noise, in 5 min. Enlarged twice, a field is 13 to 14
+% wrong, whatever the filling and the masses, most where solids run down a free surface below the ring (f). Neither
+going on in size from two runs nor means with the frictional fluid nor its change with size is clearly better on the
+whole than the finer run alone.
 
 Runs of `own` are `granpipe run cases/reactor.yaml --set dem.coarse_grain_factor=1 --set contact.youngs_modulus=5e6
 --set dem.ranks=1 --set dem.seed=… --set dem.max_time=…` with `--set 'dem.statistical_error=4 %'` (9 s) or 2 % (6 s:
