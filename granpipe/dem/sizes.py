@@ -52,12 +52,13 @@ class SizeClasses:
         """(n,) density in each class over the material's; 1 without mass scaling."""
         if not self.mass_scaled:
             return np.ones_like(self.radius)
-        return np.asarray(np.clip((0.5 * self.sauter_diameter / self.radius) ** 2, 1.0, MOST_DENSE))
+        due = (0.5 * self.sauter_diameter / self.radius) ** 2
+        return np.where(due > 1 + 1e-9, np.minimum(due, MOST_DENSE), 1.0)  # one size is 1, whatever rounding says
 
     @property
     def mass_factor(self) -> float:
         """Mass of all particles together over what the material's have; gravity is divided by it."""
-        return float(self.mass_share @ self.density_factor)
+        return float(1 + self.mass_share @ (self.density_factor - 1))
 
     @property
     def mean_volume(self) -> float:

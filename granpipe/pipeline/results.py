@@ -193,6 +193,7 @@ def plan_summary(plan: Plan) -> dict[str, Any]:
             "decisions": _plain(plan.decisions),
             "radii_m": dem.classes.radius.tolist(),
             "number_shares": dem.classes.number_share.tolist(),
+            "mass_factor": dem.classes.mass_factor,
             "time_step_s": dem.time_step,
             "youngs_modulus_pa": dem.youngs_modulus,
             "plate_speed_m_per_s": dem.plate_speed,

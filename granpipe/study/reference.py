@@ -107,6 +107,7 @@ def _bed(plan: Plan) -> list[float]:
     return [
         *dem.classes.radius,
         dem.youngs_modulus,
+        dem.gravity,
         dem.time_step,
         dem.plate_speed,
         dem.start_speed,
@@ -127,6 +128,7 @@ class _Dem:
     youngs_modulus_pa: _Positive
     plate_speed_m_per_s: _Amount
     ranks: Annotated[int, Key(gt=0)]
+    mass_factor: _Positive = 1.0
 
 
 @dataclass(frozen=True)
@@ -196,7 +198,8 @@ def _as_made(case: Case, dem: _Dem, folder: Path) -> Plan:
         changes["dem.plate_speed"] = repr(dem.plate_speed_m_per_s)
     plan = make_plan(varied(case, changes | {"dem.ranks": "1"}))
     radii = plan.dem.classes.radius
-    if len(radii) != len(dem.radii_m) or not np.allclose(radii, dem.radii_m, rtol=0.01, atol=0):
+    alike = len(radii) == len(dem.radii_m) and np.allclose(radii, dem.radii_m, rtol=0.01, atol=0)
+    if not alike or not math.isclose(plan.dem.classes.mass_factor, dem.mass_factor, rel_tol=0.01):
         raise DataError(f"{folder}: its particles are not those that its case describes now; run it again")
     return plan
 

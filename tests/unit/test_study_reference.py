@@ -11,12 +11,12 @@ from fakes.earlier_runs import SLOW, earlier, results
 from fakes.study_points import CASE, OWN, PER_DIAMETER, PER_SPEED, norm_of_profile, study
 
 from granpipe.case.reader import varied
-from granpipe.errors import CaseError
+from granpipe.errors import CaseError, DataError
 from granpipe.planning.plan import make_plan
 from granpipe.progress import Silent
 from granpipe.study.budget import advise
 from granpipe.study.findings import Comparison
-from granpipe.study.reference import EarlierRun, check_cells, read_reference
+from granpipe.study.reference import EarlierRun, check_cells, read_reference, read_run
 from granpipe.study.report import study_intro, study_sections
 
 
@@ -149,6 +149,19 @@ def test_another_scene_is_refused_with_what_differs(tmp_path: Path, case: dict[s
     with pytest.raises(CaseError, match=message) as refused:
         read_reference(folder, CASE)
     assert str(refused.value).startswith("--reference: ")
+
+
+def test_a_run_with_other_masses_than_its_case_has_now_is_refused(tmp_path: Path) -> None:
+    """As runs before mass scaling are: their plan tells no factor."""
+    sizes = "{diameter: {sieve: {edges: [6 mm, 10 mm, 12 mm], fractions: [40 %, 60 %]}}, by: mass}"
+
+    def true_masses(files: dict) -> None:
+        assert files["plan"]["dem"].pop("mass_factor") > 1.05
+
+    read_reference(results(tmp_path / "scaled", material__size=sizes), varied(CASE, {"material.size": sizes}))
+    with pytest.raises(DataError, match="run it again"):
+        read_run(results(tmp_path / "former", true_masses, material__size=sizes))
+    read_run(results(tmp_path / "true", dem__mass_scaling="none", material__size=sizes))
 
 
 def test_another_model_and_a_field_without_errors_are_refused(tmp_path: Path) -> None:
