@@ -99,7 +99,7 @@ Runs of `own` are `granpipe run cases/reactor.yaml --set dem.coarse_grain_factor
 the same runs, ended before), `own_fast` has `--set dem.plate_speed=0.05` and 1.5 % as well; `enlarged_1_5` is as
 `own` for 6 s with a factor of 1.5; `enlarged_2` has E as it is, `--set dem.plate_speed=0.026 --set 'dem.max_time=40
 s' --set 'dem.statistical_error=0.5 %'`, and `true_masses` `--set dem.mass_scaling=none`. Another run kept the second
-core busy all the time, which makes each of the two slower. All of these are marked: the soft beds overlap by 5.5 to
+core busy; later, alone, a step took as long. All of these are marked: the soft beds overlap by 5.5 to
 5.9 % in their 99th percentile, 5.0 are allowed; the surface in section d is bent, as in the limit; and averages of 6
 s rest on 8 to 15 independent blocks, 20 are wanted, so that their own error bars are uncertain.
 """
