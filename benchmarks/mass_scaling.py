@@ -19,6 +19,7 @@ from granpipe.case.reader import load_case
 from granpipe.case.schema import Case
 from granpipe.dem.sizes import simulated_classes
 from granpipe.field import Field
+from granpipe.pipeline.averages import statistical_errors
 from granpipe.progress import duration_text
 from granpipe.study.reference import read_run
 
@@ -76,7 +77,7 @@ def _row(other: str, one: str) -> str:
     levels = fields[0][0].outline.levels
     found = compare(on_cells(fields[0][1], grid), on_cells(fields[1][1], grid), levels, diameter)
     run = read_run(Path(other))
-    own = compare(fields[1][1], fields[1][1], levels, diameter)[0].noise / 2**0.5
+    own = statistical_errors(fields[1][1], {})["whole"]
     seconds = "" if run.seconds is None else duration_text(run.seconds)
     names = [Path(other).name, "the limit" if one == "limit" else Path(one).name]
     values = (found[0].noise_free, found[0].upper, hypot(found[0].noise_free, own), hypot(found[0].upper, own))

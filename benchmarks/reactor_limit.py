@@ -1,9 +1,10 @@
 """The test reactor with the material's own particles, against which everything else is measured.
 
-`pack` makes benchmarks/references/reactor_limit/ of the results of such a run: a results folder with what `granpipe
-study --reference` and `page` read, and no more. `page` compares with it: results that are given (other seeds, enlarged
-particles, walls set back, hybrids), the stored field of benchmarks/references/friction/reactor.npz, both fluids, the
-hybrid that follows the stored field, and combinations of them; it writes docs/validation/reactor_limit.md.
+`pack` makes benchmarks/references/reactor_limit/ of the results of such runs, one of each filling: a results folder
+with what `granpipe study --reference` and `page` read, and no more. `page` compares with it: results that are given
+(other seeds, enlarged particles, walls set back, hybrids), the stored field of
+benchmarks/references/friction/reactor.npz, both fluids, the hybrid that follows the stored field, and combinations of
+them; it writes docs/validation/reactor_limit.md.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from set_back import told
 
 from granpipe.analysis.compare import Difference, compare
 from granpipe.analysis.regrid import on_grid
-from granpipe.case.reader import load_case, resolve
+from granpipe.case.reader import load_case, resolve, varied
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
 from granpipe.dem.sizes import size_classes
@@ -61,9 +62,10 @@ HEAD = """\
 {made}
 
 `cases/reactor.yaml` enlarges the material's particles, 3 ± 1 cm in radius, twice. Here everything is measured against
-a run with the material's own (`dem.coarse_grain_factor` 1). It is kept in `benchmarks/references/reactor_limit/`, a
-results folder with the field and its settings alone; `granpipe study cases/reactor.yaml --reference
-benchmarks/references/reactor_limit` counts the errors of a study from it, and `make study-reactor` does.
+runs with the material's own (`dem.coarse_grain_factor` 1), the *limit*. It is kept in
+`benchmarks/references/reactor_limit/`, a results folder with the field and its settings alone; `granpipe study
+cases/reactor.yaml --reference benchmarks/references/reactor_limit` counts the errors of a study from it, and `make
+study-reactor` does.
 
 ```text
 granpipe run cases/reactor.yaml --set name=limit_seed1 --set dem.coarse_grain_factor=1 --set dem.ranks=2 \\
@@ -171,8 +173,8 @@ def pack(folders: Sequence[Path], target: Path) -> None:
     with renewing(target, print) as aside:
         lean(mean).save(aside / "field.npz")
         shutil.copyfile(folders[0] / "plan.json", aside / "plan.json")
-        text = (folders[0] / "case.yaml").read_text()
-        (aside / "case.yaml").write_text(text.replace("replicas: 1", f"replicas: {len(runs)}"))
+        case = varied(load_case(folders[0] / "case.yaml"), {"dem.replicas": str(len(runs))})
+        (aside / "case.yaml").write_text(case.to_yaml())
         told = read_json(folders[0] / "provenance.json")
         told["origin"]["file"] = Path(told["origin"]["file"]).name  # its folder is that of one machine
         others = [read_json(folder / "provenance.json") for folder in folders[1:]]

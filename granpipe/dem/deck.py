@@ -12,7 +12,6 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import granpipe
 from granpipe.case.schema import Case
@@ -20,9 +19,6 @@ from granpipe.dem.settings import Settings, slab_height
 from granpipe.errors import CaseError
 from granpipe.field import Boxes, Frustum
 from granpipe.system.templates import templates
-
-if TYPE_CHECKING:
-    pass
 
 DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
 

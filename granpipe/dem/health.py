@@ -137,7 +137,7 @@ class FillingHealth:
     """Health while a vessel is filled: particles fall, but not from higher than the feed."""
 
     def __init__(self, settings: Settings, case: Case) -> None:
-        self.mass = case.material.density * settings.classes.mean_volume * settings.classes.mass_factor
+        self.mass = settings.classes.mean_mass(case.material.density)
         self.limit = contact.GRAVITY * (settings.wall_top - settings.lowest)
 
     def row(self, status: Status) -> None:
@@ -163,7 +163,7 @@ class FlowHealth:
     def __init__(self, settings: Settings, case: Case, vessel: FlowLimits, present: int, fallen: int = 0) -> None:
         self.settings, self.case, self.vessel = settings, case, vessel
         self.present, self.fallen = present, fallen
-        self.mass = case.material.density * settings.classes.mean_volume * settings.classes.mass_factor
+        self.mass = settings.classes.mean_mass(case.material.density)
         density, bed = case.material.density * settings.classes.mass_factor, present * self.mass
         self.energy = _mean_energy(vessel, density, bed)
         self.start_energy = _mean_energy(vessel.at_pace(settings.pace), density, bed)
@@ -270,7 +270,7 @@ class FlowHealth:
             )
         if parts.model != "hertz" or not speed:
             return
-        density = self.case.material.density * float(settings.classes.density_factor[0])
+        density = settings.classes.smallest_density(self.case.material.density)
         collision = contact.hertz_time(
             settings.classes.smallest, density, settings.youngs_modulus, parts.poisson, speed
         )

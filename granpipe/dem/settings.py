@@ -531,7 +531,7 @@ def _time_step(
     case: Case, classes: SizeClasses, youngs: float, speed: float, skin: float
 ) -> tuple[float, float, Decision]:
     """Time step and Rayleigh time [s]; `speed` is that of the fastest particle to be expected [m/s]."""
-    density = case.material.density * float(classes.density_factor[0])
+    density = classes.smallest_density(case.material.density)
     rayleigh = contact.rayleigh_time(classes.smallest, density, youngs, case.contact.poisson)
     limits = _step_limits(case, classes, youngs, speed, skin)
     criterion, limit = min(limits.items(), key=lambda item: item[1])
@@ -542,7 +542,7 @@ def _time_step(
 
 
 def _step_limits(case: Case, classes: SizeClasses, youngs: float, speed: float, skin: float) -> dict[str, float]:
-    law, density = case.contact, case.material.density * float(classes.density_factor[0])
+    law, density = case.contact, classes.smallest_density(case.material.density)
     return step_limits(law, min(law.restitution, law.wall.restitution), classes.smallest, density, youngs, speed, skin)
 
 

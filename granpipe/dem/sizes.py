@@ -60,6 +60,14 @@ class SizeClasses:
         """Mass of all particles together over what the material's have; gravity is divided by it."""
         return float(1 + self.mass_share @ (self.density_factor - 1))
 
+    def smallest_density(self, density: float) -> float:
+        """Density of the smallest particles of a material of this one [kg/m³]."""
+        return density * float(self.density_factor[0])
+
+    def mean_mass(self, density: float) -> float:
+        """Mean mass of a particle of a material of this density [kg]."""
+        return density * self.mass_factor * self.mean_volume
+
     @property
     def mean_volume(self) -> float:
         """Mean volume of one particle [m³]."""

@@ -281,7 +281,6 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
     """
     own = {
         "dem.coarse_grain_factor": "1",
-        "dem.mass_scaling": "auto",
         "dem.walls": "as_drawn",
         "dem.plate_speed": "auto",
         "dem.start_speed": "auto",
