@@ -88,7 +88,7 @@ def filled(height: float, angle: float) -> Iterator[None]:
     made, compose = decks.make_deck, dem_stages.compose_deck
 
     def composed(plan: Plan, walls: Path) -> decks.Deck:
-        with mock.patch.object(dem_stages, "FILL_ANGLE", np.radians(angle)):
+        with mock.patch.object(dem_stages, "filling_angle", return_value=np.radians(angle)):
             return compose(plan, walls)
 
     def with_slabs(*given: Any) -> decks.Deck:

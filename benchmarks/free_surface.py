@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
@@ -123,12 +124,8 @@ def run(scene: Scene, results: Path, seconds: float, flow: bool) -> None:
 @contextmanager
 def filling(degrees: float) -> Iterator[None]:
     """Meanwhile granpipe fills under edges up to another angle."""
-    own = dem_stages.FILL_ANGLE
-    dem_stages.FILL_ANGLE = np.radians(degrees)
-    try:
+    with mock.patch.object(dem_stages, "filling_angle", return_value=np.radians(degrees)):
         yield
-    finally:
-        dem_stages.FILL_ANGLE = own
 
 
 def surface(snapshot: Snapshot) -> tuple[float, float]:

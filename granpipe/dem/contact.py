@@ -36,6 +36,10 @@ FRICTION_SLOPE = 2.0
 Source: da Cruz et al., Phys. Rev. E 72, 021309 (2005); GDR MiDi, Eur. Phys. J. E 14, 341 (2004).
 """
 
+STEEPER = math.radians(10)
+"""Filling below an edge over the angle of repose: solids must run down by themselves, or the free surface would be the
+filling's."""
+
 _MEAN_FACTOR, _P99_FACTOR = 1.3, 3.3
 """Overlap over (σ/E*)^(2/3): mean with the bed's mean stress (Hertz; Pongó et al., New J. Phys. 23, 023001), 99th
 percentile with its greatest; measured 1.0–1.4 and 2.8–3.5 in beds of granpipe, see docs/validation/stability.md."""
@@ -133,6 +137,17 @@ def inertial_number(speed: float, gap: float, particle: float, density: float, s
     layer = min(SHEAR_LAYER * particle, 0.5 * gap)
     pressure = stress * (1 + 2 * JANSSEN_RATIO) / 3
     return speed / layer * particle * math.sqrt(density / pressure)
+
+
+def filling_angle(friction: float, rolling_friction: float) -> float:
+    """Angle from the horizontal below an edge up to which a vessel is filled [rad].
+
+    `STEEPER` than heaps are: tan α = 0.32 + 0.23 s + 0.42 s q with s = 1 − e^(−μ/0.3) and q = 1 − e^(−μ_r/0.325), by
+    least squares through those of docs/validation/repose.md, which scatter by 1.1° about it. Surfaces that flow are
+    flatter.
+    """
+    sliding, rolling = -math.expm1(-friction / 0.3), -math.expm1(-rolling_friction / 0.325)
+    return math.atan(0.32 + 0.23 * sliding + 0.42 * sliding * rolling) + STEEPER
 
 
 def two_digits(value: float) -> float:

@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import granpipe
 from granpipe.case.schema import Case
+from granpipe.dem.packing import Bed
 from granpipe.dem.settings import Settings, slab_height
 from granpipe.errors import CaseError
 from granpipe.field import Boxes, Frustum
@@ -24,6 +25,12 @@ DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
 
 INSERT_FRACTION = 0.3
 """Packing that random insertion is asked for: 0.35–0.4 is the most it reaches, and a shortfall distorts the sizes."""
+
+REST = 0.005
+"""RMS speed of particles in a bed at rest, at most, over √(g d)."""
+
+CALMER = 8.0
+"""Speed of the plate at first over that of a bed at rest, where that is faster: a tremor in what begins then."""
 
 Ends = tuple[float, float]
 
@@ -98,6 +105,7 @@ class Deck(MaterialDeck):
     feed: Slab
     feed_seed: int
     feed_speed: float
+    bed_seed: int
     slabs: tuple[Slab, ...]
     insert_every: int
     insert_fraction: float
@@ -106,7 +114,6 @@ class Deck(MaterialDeck):
     chunk_steps: int
     fill_chunks: int
     full_gain: float
-    settle_chunks: int
     rest_energy: float
     plate_speed: float
     start_speed: float
@@ -197,15 +204,15 @@ def make_deck(
         feed_seed=next(seeds),
         feed_speed=settings.feed_speed,
         slabs=tuple(_slab(f"fill{i + 1}", piece, next(seeds)) for i, piece in enumerate(bed)),
+        bed_seed=next(seeds),
         insert_every=insert_every,
         insert_fraction=INSERT_FRACTION,
         attempts=200,
         thermo_every=insert_every,
         chunk_steps=2 * insert_every,
-        fill_chunks=400,
+        fill_chunks=500,
         full_gain=2e-3,
-        settle_chunks=100,
-        rest_energy=0.5 * (0.005 * math.sqrt(settings.gravity * classes.sauter_diameter)) ** 2,
+        rest_energy=0.5 * _rest_speed(settings) ** 2,
         plate_speed=settings.plate_speed,
         start_speed=settings.start_speed,
         start_segments=settings.start_segments,
@@ -219,6 +226,29 @@ def make_deck(
         wall_contacts=not {"wall_pressure", "stress"}.isdisjoint(case.homogenize.fields),
         pair_contacts="stress" in case.homogenize.fields,
     )
+
+
+def _rest_speed(settings: Settings) -> float:
+    """RMS speed of particles [m/s] at which a bed counts as at rest: slow for its weight, or for what comes next."""
+    begins = settings.start_speed if settings.start_segments else settings.plate_speed
+    return max(REST * math.sqrt(settings.gravity * settings.classes.sauter_diameter), begins / CALMER)
+
+
+def bed_text(deck: Deck, bed: Bed) -> str:
+    """The particles that a filling begins with, as LIGGGHTS reads them: number, type, diameter, density, centre."""
+    head = [f"granpipe {granpipe.__version__}: a packed bed", "", f"{len(bed)} atoms", f"{deck.types} atom types", ""]
+    ends = ((f"{axis}lo", f"{axis}hi") for axis in "xyz")
+    box = [
+        f"{_number(low)} {_number(high)} {' '.join(names)}"
+        for low, high, names in zip(deck.box[::2], deck.box[1::2], ends, strict=True)
+    ]
+    # exactly twice the radius that the templates are given
+    kinds = [f"1 {2 * float(_number(c.radius))!r} {_number(c.density)}" for c in deck.classes]
+    rows = [
+        f"{i} {kinds[one]} {x:.9g} {y:.9g} {z:.9g}"
+        for i, (one, (x, y, z)) in enumerate(zip(bed.number.tolist(), bed.position.tolist(), strict=True), 1)
+    ]
+    return "\n".join([*head, *box, "", "Atoms", "", *rows, ""])
 
 
 def render(deck: object, template: str) -> str:

@@ -134,9 +134,15 @@ def check_balance(before: int, status: Status, fallen: int = 0) -> None:
 
 
 class FillingHealth:
-    """Health while a vessel is filled: particles fall, but not from higher than the feed."""
+    """Health while a vessel is filled: particles fall, but not from higher than the feed.
 
-    def __init__(self, settings: Settings, case: Case) -> None:
+    Parameters
+    ----------
+    placed : particles at the start
+    """
+
+    def __init__(self, settings: Settings, case: Case, placed: int) -> None:
+        self.placed = placed
         self.mass = settings.classes.mean_mass(case.material.density)
         self.limit = contact.GRAVITY * (settings.wall_top - settings.lowest)
 
@@ -147,7 +153,7 @@ class FillingHealth:
         ------
         RunError : particles were lost, or move faster than they can
         """
-        check_balance(0, status)
+        check_balance(self.placed, status)
         _check_energy(status, self.mass, self.limit, "a fall through the whole vessel")
 
 

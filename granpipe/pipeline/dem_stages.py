@@ -6,7 +6,7 @@ Replicas are the same case with other seeds: runs of their own, side by side, av
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,17 @@ from typing import Any
 import numpy as np
 
 from granpipe.case.reader import varied
-from granpipe.dem.deck import DUMP_COLUMNS, Deck, make_deck, render
+from granpipe.dem.contact import filling_angle
+from granpipe.dem.deck import DUMP_COLUMNS, Deck, bed_text, make_deck, render
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.health import FillingHealth
 from granpipe.dem.overlap import measure_overlap
+from granpipe.dem.packing import Bed, pack, packed_bed
 from granpipe.dem.run import Liggghts, Status
-from granpipe.dem.settings import Settings, slab_height
+from granpipe.dem.settings import PACKING, Settings, slab_height
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
-from granpipe.field import Boxes
+from granpipe.field import Boxes, Frustum
 from granpipe.geometry.extrude import MOST_DEPTHS
 from granpipe.geometry.insertion import insertion_frusta
 from granpipe.geometry.space_vessel import SpaceVessel
@@ -39,13 +41,9 @@ from granpipe.system.files import digest
 from granpipe.system.pool import Task, run_together
 from granpipe.system.store import Store, evidence_kept, key_of
 
-FILL_ANGLE = np.radians(60)
-"""Angle from the horizontal under an edge above which nothing is inserted: steeper than any angle of repose, so that
-material runs into the corners by itself and the free surface is its own, not left from the filling."""
-
 _LEAST_VOLUME = 10  # of an insertion region, in particles
 
-_VERSION = 5
+_VERSION = 6
 _WALLS_VERSION = 6
 
 
@@ -191,12 +189,13 @@ class _Replica:
 
     def _fill(self, folder: Path) -> Iterator[None]:
         settings, begun = self.plan.dem, time.monotonic()
+        self.progress.update(0.0, "packing the bed")
+        placed = compose_bed(self.plan, self.walls, self.deck)
         copy_walls(self.walls, folder)
         (folder / "fill.in").write_text(self.fill)
-        health = FillingHealth(settings, self.plan.case)
-        limits = limits_of(
-            self.deck, self.plan, self.deck.chunk_steps * (self.deck.fill_chunks + self.deck.settle_chunks)
-        )
+        (folder / "bed.data").write_text(bed_text(self.deck, placed))
+        health = FillingHealth(settings, self.plan.case, len(placed))
+        limits = limits_of(self.deck, self.plan, self.deck.chunk_steps * self.deck.fill_chunks)
         status, work, step = Status(), 0.0, 0
         with (
             evidence_kept(folder, self.store.folder("evidence", self.settle_key)),
@@ -213,25 +212,42 @@ class _Replica:
         if work > 0:
             left = duration_text(seconds[0] * len(bed) * settings.steps / work)
             self.progress.note(f"at the speed of the filling production takes about {left} at the most")
-        _settle_record(status, bed, self.deck, seconds, settings.ranks).write(folder)
-        for path in folder.glob("*.stl"):
+        _settle_record(status, len(placed), bed, self.deck, seconds, settings.ranks).write(folder)
+        for path in (*folder.glob("*.stl"), folder / "bed.data"):
             path.unlink()
 
 
 def compose_deck(plan: Plan, walls: Path) -> Deck:
-    settings, outline = plan.dem, plan.simulated
-    report = WallRecord.read(walls)
-    margin = settings.classes.largest + settings.skin / 2 + report.inward
-    above_plate = settings.plate_z + settings.classes.largest + settings.skin / 2
+    settings, report = plan.dem, WallRecord.read(walls)
+    pieces = _insertion(plan, report.inward, settings.classes.largest + settings.skin / 2)
     if plan.space is not None:
-        boxes = insertion_boxes(plan.space, settings, above_plate, margin)
         plates = [plate_name(plan.space, one) for one in plan.space.outlets]
-        return make_deck(plan.case, settings, boxes, (), report.sides, plates)
-    frusta = insertion_frusta(
-        outline, settings.feed_top, above_plate, margin, float(FILL_ANGLE), 2 * settings.classes.smallest
-    )
-    meshes = [f"obstacle_{name}" for name in outline.obstacles]
-    return make_deck(plan.case, settings, frusta, meshes, report.sides)
+        return make_deck(plan.case, settings, pieces, (), report.sides, plates)
+    meshes = [f"obstacle_{name}" for name in plan.simulated.obstacles]
+    return make_deck(plan.case, settings, pieces, meshes, report.sides)
+
+
+def compose_bed(plan: Plan, walls: Path, deck: Deck) -> Bed:
+    """The packed bed up to the feed, wherever particles may be inserted; as close to walls as each size can lie."""
+    settings, report = plan.dem, WallRecord.read(walls)
+    (x0, x1), (y0, y1) = report.sides
+    block = pack(settings.classes, PACKING, deck.bed_seed, y1 - y0 if deck.periodic else None)
+    low, high = np.array([x0, y0, settings.plate_z]), np.array([x1, y1, settings.feed_top])
+    pieces = [_insertion(plan, report.inward, float(radius)) for radius in settings.classes.radius]
+    return packed_bed(block, pieces, low, high)
+
+
+def _insertion(plan: Plan, inward: float, clearance: float) -> Sequence[Frustum | Boxes]:
+    """Where centres of particles may be put that keep so far from walls and plate [m], from the top of the feed down.
+
+    `inward` is how far flat facets lie inside the true wall, at most [m].
+    """
+    settings = plan.dem
+    bottom, margin = settings.plate_z + clearance, clearance + inward
+    if plan.space is not None:
+        return insertion_boxes(plan.space, settings, bottom, margin)
+    angle = filling_angle(plan.case.contact.friction, plan.case.contact.rolling_friction)
+    return insertion_frusta(plan.simulated, settings.feed_top, bottom, margin, angle, 2 * settings.classes.smallest)
 
 
 def insertion_boxes(vessel: SpaceVessel, settings: Settings, bottom: float, margin: float) -> list[Boxes]:
@@ -243,8 +259,10 @@ def insertion_boxes(vessel: SpaceVessel, settings: Settings, bottom: float, marg
     return [one for one in (feed, *bed) if one.volume > _LEAST_VOLUME * classes.mean_volume]
 
 
-def _settle_record(status: Status, bed: Snapshot, deck: Deck, seconds: tuple[float, float], ranks: int) -> SettleRecord:
-    """What was inserted, class by class; `seconds` are wall and processor time."""
+def _settle_record(
+    status: Status, placed: int, bed: Snapshot, deck: Deck, seconds: tuple[float, float], ranks: int
+) -> SettleRecord:
+    """What was placed and inserted, class by class; `seconds` are wall and processor time."""
     radii = np.array([c.radius for c in deck.classes])
     members = np.abs(bed.radius[:, None] - radii).argmin(axis=1)
     mass = np.bincount(members, minlength=len(radii)) * radii**3
@@ -253,7 +271,7 @@ def _settle_record(status: Status, bed: Snapshot, deck: Deck, seconds: tuple[flo
     return SettleRecord(
         steps=status.step,
         particles=len(bed),
-        inserted=status.inserted,
+        inserted=placed + status.inserted,
         short_insertions=status.short_insertions,
         mass_share=tuple((mass / mass.sum()).tolist()),
         wanted_mass_share=tuple((wanted / wanted.sum()).tolist()),

@@ -14,14 +14,12 @@ from math import hypot
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from granpipe.case.reader import CaseFile, resolve, varied
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
+from granpipe.dem.contact import filling_angle
 from granpipe.errors import CaseError
 from granpipe.geometry.openings import find_openings
-from granpipe.pipeline.dem_stages import FILL_ANGLE
 from granpipe.pipeline.gates import BLOCKS
 from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.plan import Plan, make_plan
@@ -64,7 +62,7 @@ class Recommendation:
     study : where the option is from
     proven : the option's 95 % bound is within the tolerance, not only its estimate
     guessed : the study is one of another scene
-    fill_angle : angle below edges up to which the study's vessels were filled [°]
+    fill_angles : angle below edges up to which the study's vessels were filled, and up to which they would be now [°]
     unknown : axes of which the study could not tell what they add to the error
     """
 
@@ -74,7 +72,7 @@ class Recommendation:
     changes: Mapping[str, str]
     study: str
     proven: bool
-    fill_angle: float
+    fill_angles: tuple[float, float]
     unknown: tuple[str, ...]
     guessed: bool
 
@@ -100,12 +98,12 @@ class Recommendation:
     @property
     def _filling(self) -> tuple[str, ...]:
         """Where the study filled its vessels in another way, which shows below edges."""
-        now = float(np.degrees(FILL_ANGLE))
-        if math.isclose(self.fill_angle, now, abs_tol=0.1):
+        then, now = self.fill_angles
+        if math.isclose(then, now, abs_tol=0.1):
             return ()
         return (
-            f"the study filled vessels up to {self.fill_angle:g}° below edges, granpipe now does up to {now:g}°; the "
-            "error of sections with a free surface may differ",
+            f"the study filled vessels up to {then:.0f}° below edges, granpipe would now up to {now:.0f}°; the error "
+            "of sections with a free surface may differ",
         )
 
     @property
@@ -186,7 +184,9 @@ def _recommendation(
     option, proven = best
     changes = settings | _ending(option, tolerance, proven)
     file = _changed(case, changes)
-    return Recommendation(file, option, tolerance, changes, where, proven, former.fill_angle, former.unknown, guessed)
+    law = former.case.contact
+    angles = former.fill_angle, math.degrees(filling_angle(law.friction, law.rolling_friction))
+    return Recommendation(file, option, tolerance, changes, where, proven, angles, former.unknown, guessed)
 
 
 def shipped() -> Iterator[Path]:

@@ -9,16 +9,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import Field
 
 from granpipe import __version__
 from granpipe.case.reader import resolve
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import Places
+from granpipe.dem.contact import filling_angle
 from granpipe.errors import CaseError, DataError
 from granpipe.export.report import Section, markdown, write_page
-from granpipe.pipeline.dem_stages import FILL_ANGLE
 from granpipe.planning.plan import Plan
 from granpipe.progress import duration_text
 from granpipe.study.budget import TOLERANCES, Advice, ErrorBound, Option, advise, pareto, percent, sure_factor
@@ -449,7 +448,7 @@ def _stored(case: Case, found: Findings) -> dict[str, object]:
         "made": datetime.now().astimezone().isoformat(timespec="seconds"),
         "granpipe": __version__,
         "machine": machine(),
-        "fill_angle_deg": float(round(np.degrees(FILL_ANGLE), 3)),
+        "fill_angle_deg": round(math.degrees(filling_angle(case.contact.friction, case.contact.rolling_friction)), 3),
         **asdict(found),
     }
 
