@@ -1,7 +1,7 @@
 """What a run does before it averages: filling, settling, and the part of production that is left out.
 
 `shares RESULTS/CASE …` tells of finished runs which part of their steps that was, `starts RESULTS/CASE …` from which
-segment on their mean flow would be known best. `run` fills one scene in other ways than granpipe does, and tells the
+segment on their mean flow would be known best. `run` fills two scenes in other ways than granpipe does, and tells the
 steps that each takes.
 """
 
@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 from unittest import mock
 
 import numpy as np
 
 from granpipe.case.reader import read_case
 from granpipe.console import Console
-from granpipe.dem import deck as decks
+from granpipe.dem.deck import Deck
+from granpipe.dem.packing import Bed
 from granpipe.field import Array
 from granpipe.homogenize.average import Sums
 from granpipe.homogenize.statistics import LEAST_BLOCKS, effective_samples, standard_error
@@ -48,8 +47,8 @@ dem: {ranks: 1}
 """
 """The test reactor's throat and the chamber below it, with larger particles."""
 
-WAYS = {"as it is": (12, 60), "slabs a third as high": (4, 60), "and up to 45° below edges": (4, 45)}
-"""Height of an insertion slab in radii of the largest particle; filling angle [°]."""
+WAYS = {"packed, as it is": (True, None), "packed, up to 60°": (True, 60.0), "dropped in, up to 60°": (False, 60.0)}
+"""Whether a packed bed is placed at first; filling angle [°], or None for the own one."""
 
 
 def main() -> None:
@@ -69,50 +68,47 @@ def main() -> None:
 
 
 def ways(results: Path) -> Iterator[str]:
-    """Rows of a table: the way, particles, steps until the vessel was full, steps until the bed was at rest."""
+    """Rows of a table: scene, way, particles at first and at rest, steps and processor time [s] until then, insertions
+    that fell short.
+    """
     results.mkdir(parents=True, exist_ok=True)
     (results / "chamber.yaml").write_text(CHAMBER)
-    plan = make_plan(read_case(results / "chamber.yaml").case, 1)
     store = Store(results / ".store")
     versions = library_versions() | program_versions(store.root / "programs.json")
-    for name, (height, angle) in WAYS.items():
-        with Console() as console, filled(height, angle):
-            folder = settle(plan, Context(store, versions, console, 1))
-        record = SettleRecord.read(folder)
-        yield f"| {name} | {record.particles} | {full(folder)} | {record.steps} | {record.short_insertions} |"
+    for scene in (results / "chamber.yaml", Path("cases/reactor.yaml")):
+        plan = make_plan(read_case(scene).case, 1)
+        for name, (packed, angle) in WAYS.items():
+            with Console() as console, filled(packed, angle):
+                folder = settle(plan, Context(store, versions, console, 1))
+            record = SettleRecord.read(folder)
+            yield (
+                f"| {plan.case.name} | {name} | {placed(folder)} | {record.particles} | {record.steps} | "
+                f"{record.processor_seconds:.0f} | {record.short_insertions} |"
+            )
 
 
 @contextmanager
-def filled(height: float, angle: float) -> Iterator[None]:
-    """Insertion slabs of another height and up to another angle; how often is inserted, and the feed, stay."""
-    made, compose = decks.make_deck, dem_stages.compose_deck
+def filled(packed: bool, angle: float | None) -> Iterator[None]:
+    """Meanwhile vessels are filled in another way."""
+    compose = dem_stages.compose_bed
 
-    def composed(plan: Plan, walls: Path) -> decks.Deck:
-        with mock.patch.object(dem_stages, "filling_angle", return_value=np.radians(angle)):
-            return compose(plan, walls)
+    def composed(plan: Plan, walls: Path, deck: Deck) -> Bed:
+        bed = compose(plan, walls, deck)
+        return bed if packed else Bed(bed.position[:0], bed.number[:0])
 
-    def with_slabs(*given: Any) -> decks.Deck:
-        deck = made(*given)
-        with mock.patch.object(decks, "slab_height", lambda classes: height * classes.largest):
-            return replace(deck, slabs=made(*given).slabs)
-
-    with (
-        mock.patch.object(dem_stages, "make_deck", with_slabs),
-        mock.patch.object(dem_stages, "compose_deck", composed),
-    ):
+    with ExitStack() as patches:
+        patches.enter_context(mock.patch.object(dem_stages, "compose_bed", composed))
+        if angle is not None:
+            patches.enter_context(mock.patch.object(dem_stages, "filling_angle", return_value=np.radians(angle)))
+        # the beds of all ways have one key
+        patches.enter_context(mock.patch.object(dem_stages, "_VERSION", f"packed {packed}"))
         yield
 
 
-def full(folder: Path) -> int:
-    """Step at which LIGGGHTS found the vessel full: the last row of its table before it said so."""
-    step = 0
-    for line in (folder / "output.txt").read_text(errors="replace").splitlines():
-        if line.startswith("granpipe: full"):
-            break
-        words = line.split()
-        if len(words) == 4 and words[0].isdigit() and words[1].isdigit():
-            step = int(words[0])
-    return step
+def placed(folder: Path) -> int:
+    """Particles at the first step: the first row of LIGGGHTS' table."""
+    rows = map(str.split, (folder / "output.txt").read_text(errors="replace").splitlines())
+    return next(int(row[1]) for row in rows if len(row) == 4 and row[0] == "0" and row[1].isdigit())
 
 
 def share(folder: Path) -> str:

@@ -251,11 +251,14 @@ def bed_text(deck: Deck, bed: Bed) -> str:
     return "\n".join([*head, *box, "", "Atoms", "", *rows, ""])
 
 
-def render(deck: object, template: str) -> str:
-    """Text of a deck such as ``fill.in``, from the values that its template uses."""
+def render(deck: object, template: str, bed: str = "bed.data") -> str:
+    """Text of a deck such as ``fill.in``, from the values that its template uses; `bed` is the file of `bed_text`.
+
+    Without particles LIGGGHTS reads no such file: then `bed` must be empty.
+    """
     environment = templates(trim_blocks=False)
     environment.filters |= {"num": _number, "nums": lambda values: " ".join(map(_number, values))}
-    text = environment.get_template(f"{template}.j2").render(deck=deck, version=granpipe.__version__)
+    text = environment.get_template(f"{template}.j2").render(deck=deck, version=granpipe.__version__, bed=bed)
     return re.sub(r"\n{3,}", "\n\n", text) + "\n"
 
 

@@ -26,7 +26,7 @@ _LEAST, _MOST, _RAREST = 3000, 20_000, 8
 _SEARCH = 0.2  # distance beyond touching up to which pairs are kept, in radii of the smallest sphere
 _FARTHEST = 0.2  # that a sphere is moved at a time, in its radii
 _PUSH, _KEPT = 0.25, 0.9  # what an overlap adds to the move of a sphere, and what is left of its last move
-_ROUNDS = 5000
+_ROUNDS = 1000  # a hundred are usual
 
 
 @dataclass(frozen=True)

@@ -192,7 +192,7 @@ class _Replica:
         self.progress.update(0.0, "packing the bed")
         placed = compose_bed(self.plan, self.walls, self.deck)
         copy_walls(self.walls, folder)
-        (folder / "fill.in").write_text(self.fill)
+        (folder / "fill.in").write_text(self.fill if len(placed) else render(self.deck, "fill.in", bed=""))
         (folder / "bed.data").write_text(bed_text(self.deck, placed))
         health = FillingHealth(settings, self.plan.case, len(placed))
         limits = limits_of(self.deck, self.plan, self.deck.chunk_steps * self.deck.fill_chunks)

@@ -1,7 +1,8 @@
 """A stand-in for LIGGGHTS: works off granpipe's decks for a straight pipe in milliseconds, and misbehaves on command.
 
-The bed is a lattice of spheres that sinks with the plate, one velocity everywhere; new layers enter above as it goes
-down. All of it follows from the step number, so a run that was interrupted ends exactly as one that was not.
+The bed is a lattice, denser than the bed that a filling begins with. It sinks with the plate, one velocity everywhere;
+new layers enter above as it goes down. All of it follows from the step number, so a run that was interrupted ends
+exactly as one that was not.
 
 Put on PATH by `install`. The environment variable FAKE_LIGGGHTS commands a fault, "kind" while filling or "kind@n" in
 the middle of segment n of production; FAKE_PAUSE is a pause before each segment [s].
@@ -57,13 +58,18 @@ class Bed:
         self.segment = int(number(r"label\s+segments\n(?:if .*\n)?run\s+(\d+)", 0))
         feed = re.search(r"region\s+feed cylinder z 0\.0 0\.0 (\S+) (\S+) (\S+)", deck)
         lows = re.findall(r"region\s+fill\d+ cylinder z 0\.0 0\.0 \S+ (\S+)", deck)
-        self.top = 0.5 * (float(feed[2]) + float(feed[3]))
+        self.top = float(feed[3])
         self.floor = min(map(float, lows)) if lows else None
         self.spacing = 2 * self.radius * CLOSENESS
-        side = np.arange(-int(float(feed[1]) / self.spacing), int(float(feed[1]) / self.spacing) + 1) * self.spacing
-        x, y = (each.ravel() for each in np.meshgrid(side, side))
+        half = int(float(feed[1]) / self.spacing) + 1
+        column, row = (each.ravel() for each in np.meshgrid(*[np.arange(-half, half + 1)] * 2))
+        x, y = (column + 0.5 * (row % 2)) * self.spacing, row * np.sqrt(0.75) * self.spacing
         inside = np.hypot(x, y) <= float(feed[1])
-        self.layer = np.column_stack([x[inside], y[inside]])
+        layer = np.column_stack([x[inside], y[inside]])
+        # every other layer lies in the hollows of the one below
+        self.hollow = self.spacing * np.array([0.5, 0.5 / np.sqrt(3)])
+        self.layer = layer - 0.5 * self.hollow
+        self.rise = np.sqrt(2 / 3) * self.spacing
 
     def travel(self, step: int) -> float:
         """Of the plate, which may be faster in the first segments."""
@@ -73,7 +79,7 @@ class Bed:
     def layers(self, step: int) -> int:
         """How many have entered by then."""
         travel = self.travel(step)
-        return int((self.top - self.floor) / self.spacing) + int(travel / self.spacing + 1e-9)
+        return int((self.top - self.floor) / self.rise) + int(travel / self.rise + 1e-9)
 
     def particles(self, step: int) -> np.ndarray:
         """Rows of a snapshot."""
@@ -82,8 +88,9 @@ class Bed:
         values = np.empty((count * per, 9))
         values[:, 0] = np.arange(1, len(values) + 1)
         values[:, 1] = 1
-        values[:, 2:4] = np.tile(self.layer, (count, 1))
-        values[:, 4] = self.floor + self.radius + np.repeat(np.arange(count), per) * self.spacing - travel
+        number = np.repeat(np.arange(count), per)
+        values[:, 2:4] = np.tile(self.layer, (count, 1)) + (number % 2)[:, None] * self.hollow
+        values[:, 4] = self.floor + self.radius + number * self.rise - travel
         fast = 0 < step <= self.start_segments * self.segment
         values[:, 5:8] = 0.0, 0.0, -(self.start_speed if fast else self.speed)
         values[:, 8] = self.radius
@@ -169,8 +176,9 @@ def main(arguments: list[str]) -> None:
 
 def fill(run: Run) -> None:
     bed = run.bed
-    print(f"{0:8d} {0:8d} {0:14.8g} {0:14.8g}", flush=True)
-    run.insertion(len(bed.particles(0)), 1)
+    placed = int(re.search(r"^(\d+) atoms$", Path("bed.data").read_text(), re.MULTILINE)[1])
+    print(f"{0:8d} {placed:8d} {0:14.8g} {0:14.8g}", flush=True)
+    run.insertion(len(bed.particles(0)) - placed, 1)
     run.due = bool(run.fault)
     for step in range(bed.thermo, 5 * bed.thermo, bed.thermo):
         run.row(step)

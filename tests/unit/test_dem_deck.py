@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from granpipe.case.reader import load_case
 from granpipe.case.schema import Case
-from granpipe.dem.deck import Deck, make_deck, render
+from granpipe.dem.deck import Deck, bed_text, make_deck, render
+from granpipe.dem.packing import Bed
 from granpipe.errors import CaseError
 from granpipe.geometry.insertion import insertion_frusta
 from granpipe.geometry.outline import Outline
@@ -67,7 +69,7 @@ def test_walls_of_their_own_friction_are_a_second_material(tiny: Path) -> None:
 
 def test_stiffness_beyond_liggghts_range_is_announced_before_the_box(tiny: Path) -> None:
     text = render(deck_with(tiny, contact__youngs_modulus="4.7e9"), "fill.in")
-    assert text.index("hard_particles  yes") < text.index("create_box")
+    assert text.index("hard_particles  yes") < text.index("read_data")
     assert "hard_particles" not in render(deck_with(tiny), "fill.in")
 
 
@@ -137,3 +139,26 @@ def test_only_fine_particles_need_a_limit_for_small_regions(tiny: Path) -> None:
 def test_contacts_are_dumped_only_where_forces_are_asked_for(tiny: Path, fields: str, pairs: int, walls: int) -> None:
     text = render(deck_of(load_case(tiny, {"homogenize.fields": fields})), "produce.in")
     assert (text.count("pair/gran/local"), text.count("wall/gran/local")) == (pairs, walls)
+
+
+def test_liggghts_is_told_each_placed_particle_as_its_template_has_it(tiny: Path) -> None:
+    deck = deck_with(tiny)
+    text = bed_text(deck, Bed(np.array([[0.1, -0.2, 0.3], [0.0, 0.0, 1 / 3]]), np.array([0, 0])))
+    assert "2 atoms\n1 atom types\n" in text
+    assert f"{deck.box[0]:.10g} {deck.box[1]:.10g} xlo xhi\n" in text
+    number, kind, diameter, density, *centre = text.splitlines()[-1].split()
+    assert (number, kind) == ("2", "1")
+    assert 0.5 * float(diameter) == float(f"{deck.classes[0].radius:.10g}")
+    assert float(density) == deck.classes[0].density
+    assert list(map(float, centre)) == pytest.approx([0, 0, 1 / 3], rel=1e-8)
+
+
+def test_a_bed_rests_when_it_is_slow_for_its_weight_or_for_a_faster_start(tiny: Path) -> None:
+    def rest_speed(**changes: str) -> float:
+        return float(np.sqrt(2 * deck_with(tiny, **changes).rest_energy))
+
+    assert rest_speed(dem__plate_speed="0.01") == pytest.approx(
+        0.005 * np.sqrt(9.81 * 2 * deck_with(tiny).classes[0].radius)
+    )
+    start = {key.replace(".", "__"): value for key, value in FASTER.items()}
+    assert rest_speed(**start) == pytest.approx(deck_with(tiny, **start).start_speed / 8)

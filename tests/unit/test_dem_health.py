@@ -57,7 +57,7 @@ def test_a_single_lost_particle_is_seen_at_the_next_row(tiny: Path) -> None:
     with pytest.raises(RunError, match=r"step 100: .*balance.*100 present before \+ 3 inserted − 0 discharged ≠ 102"):
         watch.row(status(100, particles=102, inserted=3))
     with pytest.raises(RunError, match="balance"):
-        FillingHealth(make_plan(load_case(tiny)).dem, load_case(tiny)).row(status(10, particles=4, inserted=5))
+        FillingHealth(make_plan(load_case(tiny)).dem, load_case(tiny), 7).row(status(10, particles=11, inserted=5))
 
 
 def test_what_had_fallen_before_a_resume_may_go_unseen_and_no_more(tiny: Path) -> None:
@@ -82,7 +82,7 @@ def test_energy_that_no_fall_can_give_is_a_blow_up(tiny: Path, energy: float) ->
 def test_free_fall_while_filling_is_no_blow_up_and_more_than_that_is(tiny: Path) -> None:
     case = load_case(tiny)
     settings = make_plan(case).dem
-    watch = FillingHealth(settings, case)
+    watch = FillingHealth(settings, case, 0)
     fall = 9.81 * (settings.feed_top - settings.plate_z)
     watch.row(status(energy=fall, inserted=100))
     with pytest.raises(RunError, match="a fall through the whole vessel"):

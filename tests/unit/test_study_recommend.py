@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from granpipe.case.reader import CaseFile, load_case, read_case, varied
+from granpipe.dem.contact import filling_angle
 from granpipe.errors import CaseError, DataError
 from granpipe.planning.plan import make_plan
 from granpipe.study import recommend as study_recommend
@@ -66,12 +67,13 @@ def brought_along(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_study(tmp_path / "shipped" / "smoke.json")
 
 
-def write_study(file: Path, fill_angle: float = 60.0, options: list[Option] = OPTIONS, **changes: str) -> None:
+def write_study(file: Path, fill_angle: float | None = None, options: list[Option] = OPTIONS, **changes: str) -> None:
     settings = {key.replace("__", "."): text for key, text in changes.items()}
     case = make_study(load_case(SMOKE, settings), 1, 1, {"plate_speed": []}).case
+    now = math.degrees(filling_angle(case.contact.friction, case.contact.rolling_friction))
     stored = {
         "case": case.model_dump(mode="json", exclude_none=True),
-        "fill_angle_deg": fill_angle,
+        "fill_angle_deg": now if fill_angle is None else fill_angle,
         "options": [asdict(one) for one in options],
         "unknown": ["time_step"],
     }
