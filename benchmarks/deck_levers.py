@@ -501,10 +501,10 @@ def _verdict_section(results: Path) -> list[str]:
             "yes",
         ),
         (
-            "[filling](filling.md) in low slabs",
-            "12 % of the steps of filling",
-            "insertions fall short, sizes are distorted",
-            "no",
+            "[filling](filling.md) with a packed bed",
+            "31 % of the steps of filling, 58 % with the material's own particles",
+            "surfaces as before",
+            "yes",
         ),
         (
             "[softness](dem_settings.md) chosen by overlap",

@@ -1,4 +1,4 @@
-"""The angle of the free surface below a widening, for three frictions and two ways of filling.
+"""The angle of the free surface below a widening, for four frictions and two ways of filling.
 
 `run` simulates one scene: a throat above a chamber whose corner stands still while the core flows. `page` measures the
 surface of the settled bed and of the flowing one, its standard error from 8 sectors, and writes docs/free_surface.md.
@@ -18,6 +18,7 @@ import numpy as np
 
 from granpipe.case.reader import read_case
 from granpipe.console import Console
+from granpipe.dem.contact import filling_angle
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.snapshot import OWN_COLUMNS, Snapshot
 from granpipe.pipeline import dem_stages
@@ -33,8 +34,8 @@ from granpipe.system.versions import library_versions, program_versions
 HERE = Path(__file__).resolve().parent
 DIAMETER = 6.0  # mm
 THROAT, CHAMBER, HEIGHT, PIPE = 4.0, 11.0, 8.0, 1.0  # radii, heights of chamber and outlet pipe [d]
-FRICTIONS = ((0.3, 0.05), (0.5, 0.1), (0.73, 0.21))  # sliding, rolling
-FILLINGS = (30.0, 60.0, 80.0)  # angle from the horizontal under edges, above which nothing is inserted [°]
+FRICTIONS = ((0.3, 0.05), (0.5, 0.1), (0.73, 0.21), (1.0, 0.5))  # sliding, rolling
+STEEP = 60.0  # angle under edges up to which the other way fills [°]
 SECTORS = 8
 CLEAR = (1.0, 1.0)  # left out of the fit: from the throat's edge, from the wall [d]
 PACKING = 0.58
@@ -75,7 +76,11 @@ figures: []
 """
 
 
-SCENES = [Scene(*friction, filling) for friction in FRICTIONS for filling in FILLINGS]
+SCENES = [
+    Scene(*friction, filling)
+    for friction in FRICTIONS
+    for filling in (float(round(np.degrees(filling_angle(*friction)))), STEEP)
+]
 
 
 def main() -> None:
@@ -160,10 +165,10 @@ def page(scenes: list[Scene], results: Path) -> str:
         "",
         f"A throat of {2 * THROAT:g} particle sizes d opens into a chamber {CHAMBER - THROAT:g} d wider on each",
         "side; the corner of the chamber stands still while the core flows out through a hole in its floor.",
-        "Filling inserts particles only below a line that falls at the *filling* angle from the edge; granpipe",
-        "fills at 60°. The surface is left from the filling where its angle follows the filling, and the",
-        "material's own where two fillings give the same. Angles from the horizontal, with the standard error of",
-        "8 sectors; *flowing*: at the end.",
+        "Filling puts particles only below a line that falls at the *filling* angle from the edge: 10° steeper than",
+        f"heaps of the material are, or {STEEP:g}°. The surface is left from the filling where its angle follows the",
+        "filling, and the material's own where both give the same. Angles from the horizontal, with the standard",
+        "error of 8 sectors; *flowing*: at the end.",
         "",
         "| μ | μ_r | filling | settled | flowing | after |",
         "|---" * 6 + "|",

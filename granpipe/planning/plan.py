@@ -469,7 +469,7 @@ class _Scene:
         reasons = "; ".join(f"{name}: {need.dem}" for name, need in self.needs.items() if need.dem)
         stages = [
             Stage("walls", "LIGGGHTS needs the walls in space, a reservoir and the outlet"),
-            Stage("settle", "fill by repeated insertion and come to rest"),
+            Stage("settle", "a packed bed, topped up until the vessel is full, comes to rest"),
             Stage("produce", reasons or self._why_particles),
             Stage("field", f"average, then conserve by method {self.case.homogenize.method}"),
             self._results("dem"),
@@ -762,7 +762,7 @@ def _space_plan(case: Case, cores: int, model: Model = "dem") -> Plan:
     _check_duration(case, settings, cores)
     stages = (
         Stage("walls", "LIGGGHTS needs a reservoir above the inlet, and a plate below each outlet"),
-        Stage("settle", "fill by repeated insertion and come to rest"),
+        Stage("settle", "a packed bed, topped up until the vessel is full, comes to rest"),
         Stage("produce", "a vessel in space is computed by particles"),
         Stage("field", "average in space, then take the nearest flow that conserves"),
         Stage("results", ", ".join(["field.npz", *case.export, *(f"figures: {name}" for name in case.figures)])),
