@@ -111,7 +111,7 @@ def softening(case: Case, runs: Mapping[str, Run]) -> Iterator[str]:
     )
     yield "|---|---|---|---|---|" + "---|" * len(names)
     for modulus, one in runs.items():
-        overlap = one.figures["settled_overlap"][0]  # type: ignore[index]
+        overlap = one.figures["flowing_overlap"][0]  # type: ignore[index]
         cells = ["reference"] * len(names) if one is stiffest else differences(case, stiffest.field, one.field)
         label = f"{one.figures['youngs_modulus_pa']:.3g}" + (" (auto)" if modulus == "auto" else "")
         yield (

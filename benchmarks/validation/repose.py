@@ -15,6 +15,7 @@ from validation.case import Case, Data, Verdict, file_name
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+FRICTIONS = ((0.3, 0.05), (0.5, 0.1), (0.73, 0.21))
 FILLINGS = (60.0, 80.0)
 SECONDS = 1.5
 TOLERANCE = 5.0  # degrees
@@ -43,7 +44,7 @@ def zhou(friction: float, rolling: float) -> float:
 def angles(data: Data) -> dict[tuple[float, float], tuple[float, float]]:
     """(μ, μ_r) → mean of the fillings and its standard error [°]."""
     found = {}
-    for pair in free_surface.FRICTIONS:
+    for pair in FRICTIONS:
         ones = [(one["angle"], one["error"]) for one in data.values() if (one["friction"], one["rolling"]) == pair]
         if ones:
             values, errors = np.array(ones).T
@@ -91,7 +92,7 @@ CASE = Case(
     """,
     pieces={
         file_name(friction, rolling, filling): partial(widening, friction=friction, rolling=rolling, filling=filling)
-        for friction, rolling in free_surface.FRICTIONS
+        for friction, rolling in FRICTIONS
         for filling in FILLINGS
     },
     judge=judge,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from granpipe.case.schema import Case
 from granpipe.dem import contact
-from granpipe.dem.overlap import measure_overlap
+from granpipe.dem.overlap import Overlap, measure_overlap
 from granpipe.dem.run import Status
 from granpipe.dem.settings import PACKING, Settings
 from granpipe.dem.snapshot import Snapshot
@@ -215,7 +215,7 @@ class FlowHealth:
         self._check_speed(snapshot)
         self.passing.add(snapshot)
 
-    def closely(self, snapshot: Snapshot) -> None:
+    def closely(self, snapshot: Snapshot) -> Overlap:
         """The dearer check, for now and then: how far the particles overlap.
 
         Raises
@@ -233,6 +233,7 @@ class FlowHealth:
                     f"{overlap.contacts} contacts), {limit:.0%} at the most: they are too soft for this bed; give a "
                     f"larger contact.youngs_modulus than {self.settings.youngs_modulus:.3g} Pa, or auto"
                 )
+        return overlap
 
     def _check_place(self, snapshot: Snapshot) -> None:
         settings = self.settings

@@ -107,6 +107,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     if plan.case.outline.depth is not None:
         field = field.of_depth(plan.case.outline.depth)
     settled = [SettleRecord.read(production.settled) for production in productions]
+    flowing = [_flowing_overlap(production, min(sums.start for sums in steady)) for production in productions]
     figures = averaged.figures | summed.figures(steady) | run_statistics(steady, _levels(plan))
     if (
         plan.space is not None and "turnovers" in figures
@@ -130,7 +131,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
         gates=(
             *average_gates(plan.case, averaged, whole, settings.classes.sauter_diameter),
             *(_size_gate(bed) for bed in settled),
-            *_overlap_gates([bed.overlap for bed in settled]),
+            *_overlap_gates(flowing),
             *(() if packing is None else (PACKING.gate(packing),)),
             *(discharge.gates if discharge is not None else ()),
             *((FORCES_BALANCE.gate(abs(figures["forces"]["imbalance"])),) if "forces" in figures else ()),
@@ -156,6 +157,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
             "youngs_modulus_pa": settings.youngs_modulus,
             "time_step_s": settings.time_step,
             "settled_overlap": [asdict(bed.overlap) for bed in settled],
+            "flowing_overlap": [asdict(overlap) for overlap in flowing],
             "inserted_to_settle": [bed.inserted for bed in settled],
             "short_insertions": [bed.short_insertions for bed in settled],
             "produce_wall_seconds": [sum(_last_of_each_run([one.wall_seconds for one in run])) for run in reports],
@@ -200,8 +202,18 @@ def _surface_angles(field: Field, plan: Plan) -> dict[str, dict[str, Any]]:
     return found
 
 
+def _flowing_overlap(production: Production, start: float) -> OverlapRecord:
+    """Overlap of particles in the bed, mean over the ends of all segments from a time on [s]."""
+    beds = [
+        report.overlap
+        for sums, report in zip(production.sums(), production.reports(), strict=True)
+        if sums.start >= start
+    ]
+    return OverlapRecord(float(np.mean([bed.mean for bed in beds])), float(np.mean([bed.p99 for bed in beds])))
+
+
 def _overlap_gates(beds: Sequence[OverlapRecord]) -> list[Gate]:
-    """Overlap of the particles of the softest settled bed."""
+    """Overlap of the particles of the softest bed."""
     mean, p99 = OVERLAPS
     return [mean.gate(max(bed.mean for bed in beds)), p99.gate(max(bed.p99 for bed in beds))]
 

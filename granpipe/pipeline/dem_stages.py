@@ -43,7 +43,7 @@ from granpipe.system.store import Store, evidence_kept, key_of
 
 _LEAST_VOLUME = 10  # of an insertion region, in particles
 
-_VERSION = 6
+_VERSION = 7
 _WALLS_VERSION = 6
 
 

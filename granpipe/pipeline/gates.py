@@ -134,9 +134,9 @@ SIZE_SHARE = Limit(
 )
 OVERLAPS = tuple(
     Limit(
-        f"{name} overlap of particles, settled",
+        f"{name} overlap of particles",
         PARTICLES,
-        "Softer particles than these flow differently and pack denser.",
+        "Of the flowing bed, over the average. Softer particles than these flow differently and pack denser.",
         high=high,
         remedy="contact.youngs_modulus",
     )

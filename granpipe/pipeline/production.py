@@ -27,7 +27,7 @@ from granpipe.homogenize.average import Collector, Sums
 from granpipe.pipeline.convergence import RunningAverage
 from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.health_limits import flow_limits, space_limits
-from granpipe.pipeline.records import SegmentRecord
+from granpipe.pipeline.records import OverlapRecord, SegmentRecord
 from granpipe.pipeline.softness import reference_overlap
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress, duration_text
@@ -266,7 +266,7 @@ class _Watch:
         self.next_step = done * self.settings.segment_steps
         self.start_step, self.started = self.next_step, time.monotonic()
         self.averaging = self.checking = 0.0
-        self.overlap = Overlap(0.0, 0.0, 0)
+        self.overlap = self.reference_overlap = Overlap(0.0, 0.0, 0)
         self.count = 0
         self.disk = self.counted = 0
         self.recent: deque[Path] = deque()
@@ -323,7 +323,8 @@ class _Watch:
             self.collector.observe(beside)
         self.count = len(snapshot)
         if ends:
-            self.overlap = reference_overlap(snapshot, self.run.plan.case, self.run.plan.outline, self.run.plan.grid)
+            plan = self.run.plan
+            self.reference_overlap = reference_overlap(snapshot, plan.case, plan.outline, plan.grid)
         sums = self.collector.take() if ends else None
         averaged = time.process_time()
         self._check_health(snapshot, closely=ends)
@@ -349,7 +350,7 @@ class _Watch:
     def _check_health(self, snapshot: Snapshot, *, closely: bool) -> None:
         self.health.snapshot(snapshot)
         if closely:
-            self.health.closely(snapshot)
+            self.overlap = self.health.closely(snapshot)
 
     def _publish(self, sums: Sums, restart: Path, snapshot: Path, status: Status) -> None:
         report = SegmentRecord(
@@ -358,7 +359,8 @@ class _Watch:
             discharged=status.discharged,
             discharged_mass_kg=status.discharged_mass,
             counted_to_step=status.step,
-            reference_overlap=self.overlap.mean,
+            overlap=OverlapRecord(self.overlap.mean, self.overlap.p99),
+            reference_overlap=self.reference_overlap.mean,
             averaging_seconds=self.averaging,
             checking_seconds=self.checking,
             wall_seconds=time.monotonic() - self.started,

@@ -86,6 +86,7 @@ class SegmentRecord(_Record):
     ----------
     particles : in the bed at its end
     inserted, discharged, discharged_mass_kg : LIGGGHTS' own counters, up to the step `counted_to_step`
+    overlap : of the bed at the end
     reference_overlap : mean overlap where the reference packing is taken
     averaging_seconds, checking_seconds : processor time of granpipe
     """
@@ -96,6 +97,7 @@ class SegmentRecord(_Record):
     discharged: int
     discharged_mass_kg: Annotated[float, Field(allow_inf_nan=False)]
     counted_to_step: Count
+    overlap: OverlapRecord
     reference_overlap: Amount
     averaging_seconds: Amount
     checking_seconds: Amount

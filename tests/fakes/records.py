@@ -15,7 +15,8 @@ SETTLED = SettleRecord(
 )  # fmt: skip
 
 SEGMENT = SegmentRecord(
-    particles=300, inserted=0, discharged=0, discharged_mass_kg=0.0, counted_to_step=500, reference_overlap=0.001,
+    particles=300, inserted=0, discharged=0, discharged_mass_kg=0.0, counted_to_step=500,
+    overlap=OverlapRecord(0.001, 0.004), reference_overlap=0.001,
     averaging_seconds=0.1, checking_seconds=0.1, wall_seconds=1.0, processor_seconds=1.0, ranks=1,
 )  # fmt: skip
 
