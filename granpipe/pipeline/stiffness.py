@@ -18,13 +18,9 @@ MOST_RETRIES = 2
 MARGIN = 1.1
 """What is put on the modulus that the measured overlap asks for."""
 
-FLOWING = 0.9
-"""Overlap of a flowing bed over that of the settled one, at most: once it flows, walls bear more of its weight. In five
-vessels it was 0.77 to 0.90 on average, 0.78 to 0.86 in the 99th percentile; see docs/validation/filling.md."""
-
 
 def with_checked_stiffness(plan: Plan, context: Context) -> Plan:
-    """The plan with a Young's modulus that keeps every flowing bed within the limits of overlap.
+    """The plan with a Young's modulus that keeps every settled bed within the limits of overlap.
 
     A modulus that the case gives is left alone, and so is one with which the bed stays within the limits.
 
@@ -39,7 +35,7 @@ def with_checked_stiffness(plan: Plan, context: Context) -> Plan:
         return plan
     for _ in range(MOST_RETRIES):
         mean, p99 = overlap(settle(plan, context))
-        factor = contact.stiffening(FLOWING * mean, FLOWING * p99)
+        factor = contact.stiffening(mean, p99)
         if factor <= 1:
             return plan
         why = f"at {plan.dem.youngs_modulus:.3g} Pa the settled bed overlapped by {mean:.2%} and {p99:.2%}"
