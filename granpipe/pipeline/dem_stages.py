@@ -228,12 +228,19 @@ def compose_deck(plan: Plan, walls: Path) -> Deck:
 
 
 def compose_bed(plan: Plan, walls: Path, deck: Deck) -> Bed:
-    """The packed bed up to the feed, wherever particles may be inserted; as close to walls as each size can lie."""
+    """The packed bed up to the feed, wherever particles may be inserted; as close to walls as each size can lie.
+
+    In space as close as the largest can: where a size can lie takes long to find there.
+    """
     settings, report = plan.dem, WallRecord.read(walls)
     (x0, x1), (y0, y1) = report.sides
     block = pack(settings.classes, PACKING, deck.bed_seed, y1 - y0 if deck.periodic else None)
     low, high = np.array([x0, y0, settings.plate_z]), np.array([x1, y1, settings.feed_top])
-    pieces = [_insertion(plan, report.inward, float(radius)) for radius in settings.classes.radius]
+    radii = settings.classes.radius.tolist()
+    if plan.space is not None:
+        pieces = [_insertion(plan, report.inward, radii[-1])] * len(radii)
+    else:
+        pieces = [_insertion(plan, report.inward, radius) for radius in radii]
     return packed_bed(block, pieces, low, high)
 
 

@@ -55,8 +55,9 @@ LEAST_CELLS = 4
 CELLS_PER_OPENING = 40
 """Cells across the narrowest opening where there are no particles to measure by."""
 
-FILL_TIME = 3.0
-"""Filling and settling take about this many times the free fall through the vessel (measured: 2.5–3)."""
+FILL_TIME = 2.5
+"""Filling and settling take about this many times the free fall through the vessel (measured: 1 to 4; see
+docs/validation/filling.md)."""
 
 CHORD_LIMIT = 0.15
 """Chord error of the wall in particle diameters beyond which a run is marked."""
