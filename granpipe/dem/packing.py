@@ -1,4 +1,4 @@
-"""The bed that a filling begins with: spheres packed at random, as dense as a slow bed and without overlap.
+"""The bed that a filling begins with: spheres packed at random, nearly as dense as a slow bed and without overlap.
 
 Particles that are dropped in take most of a filling to fall, to pack and to come to rest. Spheres that are pushed apart
 on a computer are packed at once: a block with periodic faces is made, repeated, and cut to the vessel.
@@ -16,6 +16,10 @@ from scipy.spatial import cKDTree
 from granpipe.dem.sizes import SizeClasses
 from granpipe.errors import RunError
 from granpipe.field import Array, Boxes, Frustum, Mask
+
+LOOSE = 0.55
+"""Packing of the spheres that a filling begins with: with it a bed settles to the packing of one that is dropped in, and
+what is denser must dilate before it flows steadily; see docs/validation/filling.md."""
 
 LARGEST_OVERLAP = 1e-4
 """Of two spheres, as part of the sum of their radii, at most: hard spheres that overlap more would fly apart."""

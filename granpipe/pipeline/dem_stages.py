@@ -19,9 +19,9 @@ from granpipe.dem.deck import DUMP_COLUMNS, Deck, bed_text, make_deck, render
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.health import FillingHealth
 from granpipe.dem.overlap import measure_overlap
-from granpipe.dem.packing import Bed, pack, packed_bed
+from granpipe.dem.packing import LOOSE, Bed, pack, packed_bed
 from granpipe.dem.run import Liggghts, Status
-from granpipe.dem.settings import PACKING, Settings, slab_height
+from granpipe.dem.settings import Settings, slab_height
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import DataError
 from granpipe.field import Boxes, Frustum
@@ -43,7 +43,7 @@ from granpipe.system.store import Store, evidence_kept, key_of
 
 _LEAST_VOLUME = 10  # of an insertion region, in particles
 
-_VERSION = 7
+_VERSION = 8
 _WALLS_VERSION = 6
 
 
@@ -234,7 +234,7 @@ def compose_bed(plan: Plan, walls: Path, deck: Deck) -> Bed:
     """
     settings, report = plan.dem, WallRecord.read(walls)
     (x0, x1), (y0, y1) = report.sides
-    block = pack(settings.classes, PACKING, deck.bed_seed, y1 - y0 if deck.periodic else None)
+    block = pack(settings.classes, LOOSE, deck.bed_seed, y1 - y0 if deck.periodic else None)
     low, high = np.array([x0, y0, settings.plate_z]), np.array([x1, y1, settings.feed_top])
     radii = settings.classes.radius.tolist()
     if plan.space is not None:
