@@ -18,8 +18,8 @@ from granpipe.errors import RunError
 from granpipe.field import Array, Boxes, Frustum, Mask
 
 LOOSE = 0.55
-"""Packing of the spheres that a filling begins with: a bed settles from it to the packing of one that is dropped in; what
-is denser must dilate before it flows steadily (docs/validation/filling.md)."""
+"""Packing of the spheres that a filling begins with: from it a bed settles to the packing of one that is dropped in;
+what is denser must dilate before it flows steadily (docs/validation/filling.md)."""
 
 LARGEST_OVERLAP = 1e-4
 """Of two spheres, as part of the sum of their radii, at most: hard spheres that overlap more would fly apart."""
