@@ -101,7 +101,7 @@ def filled(packed: bool, angle: float | None) -> Iterator[None]:
         if angle is not None:
             patches.enter_context(mock.patch.object(dem_stages, "filling_angle", return_value=np.radians(angle)))
         # the beds of all ways have one key
-        patches.enter_context(mock.patch.object(dem_stages, "_VERSION", f"packed {packed}"))
+        patches.enter_context(mock.patch.object(dem_stages, "_VERSION", f"{dem_stages._VERSION}, packed {packed}"))
         yield
 
 

@@ -30,7 +30,7 @@ REST = 0.005
 """RMS speed of particles in a bed at rest, at most, over √(g d)."""
 
 CALMER = 8.0
-"""Speed of the plate at first over that of a bed at rest, where that is faster: a tremor in what begins then."""
+"""A bed also counts as at rest when its RMS speed is the plate's at first over this: a tremor in what begins then."""
 
 Ends = tuple[float, float]
 
@@ -234,25 +234,20 @@ def _rest_speed(settings: Settings) -> float:
     return max(REST * math.sqrt(settings.gravity * settings.classes.sauter_diameter), begins / CALMER)
 
 
-def bed_text(deck: Deck, bed: Bed) -> str:
+def bed_lines(deck: Deck, bed: Bed) -> Iterator[str]:
     """The particles that a filling begins with, as LIGGGHTS reads them: number, type, diameter, density, centre."""
-    head = [f"granpipe {granpipe.__version__}: a packed bed", "", f"{len(bed)} atoms", f"{deck.types} atom types", ""]
-    ends = ((f"{axis}lo", f"{axis}hi") for axis in "xyz")
-    box = [
-        f"{_number(low)} {_number(high)} {' '.join(names)}"
-        for low, high, names in zip(deck.box[::2], deck.box[1::2], ends, strict=True)
-    ]
+    yield f"granpipe {granpipe.__version__}: a packed bed\n\n{len(bed)} atoms\n{deck.types} atom types\n\n"
+    for axis, low, high in zip("xyz", deck.box[::2], deck.box[1::2], strict=True):
+        yield f"{_number(low)} {_number(high)} {axis}lo {axis}hi\n"
+    yield "\nAtoms\n\n"
     # exactly twice the radius that the templates are given
     kinds = [f"1 {2 * float(_number(c.radius))!r} {_number(c.density)}" for c in deck.classes]
-    rows = [
-        f"{i} {kinds[one]} {x:.9g} {y:.9g} {z:.9g}"
-        for i, (one, (x, y, z)) in enumerate(zip(bed.number.tolist(), bed.position.tolist(), strict=True), 1)
-    ]
-    return "\n".join([*head, *box, "", "Atoms", "", *rows, ""])
+    for i, (one, (x, y, z)) in enumerate(zip(bed.number, bed.position, strict=True), 1):
+        yield f"{i} {kinds[one]} {x:.9g} {y:.9g} {z:.9g}\n"
 
 
 def render(deck: object, template: str, bed: str = "bed.data") -> str:
-    """Text of a deck such as ``fill.in``, from the values that its template uses; `bed` is the file of `bed_text`.
+    """Text of a deck such as ``fill.in``, from the values that its template uses; `bed` is the file of `bed_lines`.
 
     Without particles LIGGGHTS reads no such file: then `bed` must be empty.
     """

@@ -6,8 +6,8 @@ on a computer are packed at once: a block with periodic faces is made, repeated,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,16 @@ what is denser must dilate before it flows steadily (docs/validation/filling.md)
 LARGEST_OVERLAP = 1e-4
 """Of two spheres, as part of the sum of their radii, at most: hard spheres that overlap more would fly apart."""
 
+WIDEST = 4.0
+"""Radius of the largest over that of the smallest sphere, at most: searching for neighbours takes far longer beyond."""
+
 _LEAST, _MOST, _RAREST = 3000, 20_000, 8
 """Spheres in a block, at least and at most; of the rarest class, where the most allows it."""
 
 _SEARCH = 0.2  # distance beyond touching up to which pairs are kept, in radii of the smallest sphere
 _FARTHEST = 0.2  # that a sphere is moved at a time, in its radii
 _PUSH, _KEPT = 0.25, 0.9  # what an overlap adds to the move of a sphere, and what is left of its last move
-_ROUNDS = 1000  # 190 were the most that were seen
+_ROUNDS = 1000  # up to 200 are usual
 
 
 @dataclass(frozen=True)
@@ -48,16 +51,19 @@ class Packing:
     number: NDArray[np.int64]
     edges: Array
 
-    def within(self, low: Array, high: Array) -> tuple[Array, NDArray[np.int64]]:
-        """Centres (m, 3) [m] and classes (m,) in a box between two corners (3,), the block repeated to fill it.
+    def layers(self, low: Array, high: Array) -> Iterator[tuple[Array, NDArray[np.int64]]]:
+        """Centres (m, 3) [m] and classes (m,) in a box between two corners (3,), the block repeated to fill it, from
+        the bottom up.
 
         Periodic in each direction in which the box holds the block a whole number of times.
         """
-        repeats = np.ceil((high - low) / self.edges - 1e-9).astype(int)
-        corners = np.stack(np.meshgrid(*map(np.arange, repeats), indexing="ij"), axis=-1).reshape(-1, 1, 3)
-        position = (low + self.position + corners * self.edges).reshape(-1, 3)
-        inside = (position < high).all(axis=1)
-        return position[inside], np.tile(self.number, len(corners))[inside]
+        across, along, up = np.ceil((high - low) / self.edges - 1e-9).astype(int)
+        for level in range(up):
+            numbers = np.meshgrid(np.arange(across), np.arange(along), level, indexing="ij")
+            corners = np.stack(numbers, axis=-1).reshape(-1, 1, 3)
+            position = (low + self.position + corners * self.edges).reshape(-1, 3)
+            inside = (position < high).all(axis=1)
+            yield position[inside], np.tile(self.number, len(corners))[inside]
 
 
 def pack(classes: SizeClasses, packing: float, seed: int, depth: float | None = None) -> Packing:
@@ -97,7 +103,7 @@ def pack(classes: SizeClasses, packing: float, seed: int, depth: float | None = 
 
 def _numbers(classes: SizeClasses) -> NDArray[np.int64]:
     """(n,) class of each sphere, as often as its share says."""
-    wanted = max(_LEAST, min(_MOST, int(_RAREST / classes.number_share.min())))
+    wanted = max(_LEAST, int(_RAREST / max(classes.number_share.min(), _RAREST / _MOST)))
     ends = np.round(wanted * np.cumsum(classes.number_share)).astype(int)
     return np.repeat(np.arange(len(ends)), np.diff(ends, prepend=0))
 
@@ -150,20 +156,41 @@ class Bed:
         return len(self.number)
 
 
-def packed_bed(packing: Packing, pieces: Sequence[Iterable[Frustum | Boxes]], low: Array, high: Array) -> Bed:
-    """Spheres of a packing between two corners (3,) [m] of a box that lie within a vessel.
+def packed_bed(
+    classes: SizeClasses,
+    packing: float,
+    seed: int,
+    pieces: Sequence[Sequence[Frustum | Boxes]],
+    ends: tuple[Array, Array],
+    periodic: bool = False,
+) -> Bed:
+    """Packed spheres that lie within a vessel, in the shares of their classes; none where sizes differ too much.
 
     Parameters
     ----------
     pieces : of the vessel, in which centres of each size class may lie
+    ends : two corners (3,) [m] of a box that holds them
+    periodic : whether the second direction is
     """
-    position, number = packing.within(low, high)
-    inside = np.zeros(len(number), dtype=bool)
-    for one, parts in enumerate(pieces):
-        of_class = np.flatnonzero(number == one)
-        for part in parts:
-            inside[of_class] |= _contains(part, position[of_class])
-    return Bed(position[inside], number[inside])
+    none = Bed(np.empty((0, 3)), np.empty(0, dtype=np.int64))
+    room = np.array([sum(one.volume for one in parts) for parts in pieces])
+    if not room.all() or classes.largest > WIDEST * classes.smallest:
+        return none
+    due = classes.number_share / room  # large ones keep farther from walls
+    wanted = replace(classes, number_share=due / due.sum())
+    low, high = ends
+    block = pack(wanted, packing, seed, float(high[1] - low[1]) if periodic else None)
+    kept = []
+    for position, number in block.layers(low, high):
+        inside = np.zeros(len(number), dtype=bool)
+        for one, parts in enumerate(pieces):
+            of_class = np.flatnonzero(number == one)
+            for part in parts:
+                inside[of_class] |= _contains(part, position[of_class])
+        kept.append(Bed(position[inside], number[inside]))
+    if not kept:
+        return none
+    return Bed(np.concatenate([bed.position for bed in kept]), np.concatenate([bed.number for bed in kept]))
 
 
 def _contains(piece: Frustum | Boxes, position: Array) -> Mask:

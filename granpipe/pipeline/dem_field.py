@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -51,7 +51,7 @@ from granpipe.pipeline.gates import (
 )
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.production import Production
-from granpipe.pipeline.records import OverlapRecord, SettleRecord
+from granpipe.pipeline.records import OverlapRecord, SegmentRecord, SettleRecord
 from granpipe.pipeline.softness import as_rigid, mean_reference_overlap, rigid_share
 from granpipe.pipeline.space_average import averaged_of, measured_packing_of, space_gates
 from granpipe.planning.plan import Plan
@@ -107,7 +107,7 @@ def _field(plan: Plan, productions: Sequence[Production], segments: Sequence[Sum
     if plan.case.outline.depth is not None:
         field = field.of_depth(plan.case.outline.depth)
     settled = [SettleRecord.read(production.settled) for production in productions]
-    flowing = [_flowing_overlap(production, min(sums.start for sums in steady)) for production in productions]
+    flowing = _flowing_overlaps(zip(segments, (one for run in reports for one in run), strict=True), steady)
     figures = averaged.figures | summed.figures(steady) | run_statistics(steady, _levels(plan))
     if (
         plan.space is not None and "turnovers" in figures
@@ -202,14 +202,17 @@ def _surface_angles(field: Field, plan: Plan) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _flowing_overlap(production: Production, start: float) -> OverlapRecord:
-    """Overlap of particles in the bed, mean over the ends of all segments from a time on [s]."""
-    beds = [
-        report.overlap
-        for sums, report in zip(production.sums(), production.reports(), strict=True)
-        if sums.start >= start
+def _flowing_overlaps(segments: Iterable[tuple[Sums, SegmentRecord]], steady: Sequence[Sums]) -> list[OverlapRecord]:
+    """Overlap of particles in the bed of each run that is averaged, mean over the ends of its steady segments."""
+    averaged = {(sums.run, sums.start) for sums in steady}
+    beds: dict[int, list[OverlapRecord]] = {}
+    for sums, report in segments:
+        if (sums.run, sums.start) in averaged:
+            beds.setdefault(sums.run, []).append(report.overlap)
+    return [
+        OverlapRecord(float(np.mean([bed.mean for bed in run])), float(np.mean([bed.p99 for bed in run])))
+        for run in beds.values()
     ]
-    return OverlapRecord(float(np.mean([bed.mean for bed in beds])), float(np.mean([bed.p99 for bed in beds])))
 
 
 def _overlap_gates(beds: Sequence[OverlapRecord]) -> list[Gate]:

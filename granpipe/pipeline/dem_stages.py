@@ -15,11 +15,11 @@ import numpy as np
 
 from granpipe.case.reader import varied
 from granpipe.dem.contact import filling_angle
-from granpipe.dem.deck import DUMP_COLUMNS, Deck, bed_text, make_deck, render
+from granpipe.dem.deck import DUMP_COLUMNS, Deck, bed_lines, make_deck, render
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.health import FillingHealth
 from granpipe.dem.overlap import measure_overlap
-from granpipe.dem.packing import LOOSE, Bed, pack, packed_bed
+from granpipe.dem.packing import LARGEST_OVERLAP, LOOSE, Bed, packed_bed
 from granpipe.dem.run import Liggghts, Status
 from granpipe.dem.settings import Settings, slab_height
 from granpipe.dem.snapshot import Snapshot
@@ -152,6 +152,7 @@ class _Replica:
         self.fill, produce = render(self.deck, "fill.in"), render(self.deck, "produce.in")
         stls = {path.name: digest(path) for path in sorted(walls.glob("*.stl"))}
         part: dict[str, Any] = {"deck": self.fill, "walls": stls, "liggghts": context.versions["liggghts"]}
+        part |= {"box": self.deck.box, "packing": (LOOSE, LARGEST_OVERLAP)}
         self.settle_key = key_of("settle", _VERSION, part)
         settled, grid = self.store.folder("settle", self.settle_key), plan.deposit_grid
         part = {"deck": produce, "settled": settled.name, "cell": grid.cell, "z": [grid.z_edges[0], grid.z_edges[-1]]}
@@ -193,7 +194,8 @@ class _Replica:
         placed = compose_bed(self.plan, self.walls, self.deck)
         copy_walls(self.walls, folder)
         (folder / "fill.in").write_text(self.fill if len(placed) else render(self.deck, "fill.in", bed=""))
-        (folder / "bed.data").write_text(bed_text(self.deck, placed))
+        with (folder / "bed.data").open("w") as file:
+            file.writelines(bed_lines(self.deck, placed))
         health = FillingHealth(settings, self.plan.case, len(placed))
         limits = limits_of(self.deck, self.plan, self.deck.chunk_steps * self.deck.fill_chunks)
         status, work, step = Status(), 0.0, 0
@@ -204,8 +206,7 @@ class _Replica:
             for status in process.wait(health.row):
                 work, step = work + status.particles * max(0, status.step - step), status.step
                 share = min(1.0, status.particles / settings.particles)
-                rest = "" if status.message != "full" else ", settling"
-                self.progress.update(share, f"{status.particles} particles{rest}")
+                self.progress.update(share, f"{status.particles} particles")
                 yield
         bed = read_snapshot(folder / "settled.bin", DUMP_COLUMNS)
         seconds = time.monotonic() - begun, process.processor_seconds()
@@ -234,14 +235,13 @@ def compose_bed(plan: Plan, walls: Path, deck: Deck) -> Bed:
     """
     settings, report = plan.dem, WallRecord.read(walls)
     (x0, x1), (y0, y1) = report.sides
-    block = pack(settings.classes, LOOSE, deck.bed_seed, y1 - y0 if deck.periodic else None)
-    low, high = np.array([x0, y0, settings.plate_z]), np.array([x1, y1, settings.feed_top])
+    ends = np.array([x0, y0, settings.plate_z]), np.array([x1, y1, settings.feed_top])
     radii = settings.classes.radius.tolist()
     if plan.space is not None:
         pieces = [_insertion(plan, report.inward, radii[-1])] * len(radii)
     else:
         pieces = [_insertion(plan, report.inward, radius) for radius in radii]
-    return packed_bed(block, pieces, low, high)
+    return packed_bed(settings.classes, LOOSE, deck.bed_seed, pieces, ends, deck.periodic)
 
 
 def _insertion(plan: Plan, inward: float, clearance: float) -> Sequence[Frustum | Boxes]:

@@ -62,6 +62,7 @@ class SettleRecord(_Record):
     """Of the stage settle.
 
     LIGGGHTS inserts the largest particles first: a shortfall distorts the sizes, so their shares of the mass are noted.
+    `inserted` counts those of the packed bed as well.
     """
 
     name: ClassVar[str] = "settle.json"

@@ -10,7 +10,7 @@ import pytest
 
 from granpipe.case.reader import load_case
 from granpipe.case.schema import Case
-from granpipe.dem.deck import Deck, bed_text, make_deck, render
+from granpipe.dem.deck import Deck, bed_lines, make_deck, render
 from granpipe.dem.packing import Bed
 from granpipe.errors import CaseError
 from granpipe.geometry.insertion import insertion_frusta
@@ -143,7 +143,7 @@ def test_contacts_are_dumped_only_where_forces_are_asked_for(tiny: Path, fields:
 
 def test_liggghts_is_told_each_placed_particle_as_its_template_has_it(tiny: Path) -> None:
     deck = deck_with(tiny)
-    text = bed_text(deck, Bed(np.array([[0.1, -0.2, 0.3], [0.0, 0.0, 1 / 3]]), np.array([0, 0])))
+    text = "".join(bed_lines(deck, Bed(np.array([[0.1, -0.2, 0.3], [0.0, 0.0, 1 / 3]]), np.array([0, 0]))))
     assert "2 atoms\n1 atom types\n" in text
     assert f"{deck.box[0]:.10g} {deck.box[1]:.10g} xlo xhi\n" in text
     number, kind, diameter, density, *centre = text.splitlines()[-1].split()
@@ -162,3 +162,10 @@ def test_a_bed_rests_when_it_is_slow_for_its_weight_or_for_a_faster_start(tiny: 
     )
     start = {key.replace(".", "__"): value for key, value in FASTER.items()}
     assert rest_speed(**start) == pytest.approx(deck_with(tiny, **start).start_speed / 8)
+
+
+def test_a_vessel_without_a_packed_bed_begins_empty(tiny: Path) -> None:
+    deck = deck_with(tiny)
+    assert "create_box" in render(deck, "fill.in", bed="")
+    assert "read_data" not in render(deck, "fill.in", bed="")
+    assert "create_box" not in render(deck, "fill.in")
