@@ -137,7 +137,7 @@ def test_sizes_that_are_all_but_absent_do_no_harm(share: float) -> None:
     pieces = [[Frustum(0.0, 0.3, 0.0, 0.0, 0.3, 0.3)]] * 2
     bed = packed_bed(rare, LOOSE, 1, pieces, (np.full(3, -0.3), np.full(3, 0.3)))
     shares = solids(rare, bed) / solids(rare, bed).sum()
-    assert shares == pytest.approx(rare.mass_share, abs=0.002)
+    assert shares == pytest.approx(rare.mass_share, abs=0.005)
 
 
 def test_a_vessel_without_room_for_a_size_has_no_packed_bed() -> None:
