@@ -31,7 +31,7 @@ from granpipe.system.publish import renewing
 from granpipe.system.rates import known_rates
 from granpipe.system.store import key_of
 
-_VERSION = 1
+_VERSION = 2
 
 MOST_FRAMES = 60
 """Of an animation."""
