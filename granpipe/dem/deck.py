@@ -26,11 +26,8 @@ DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
 INSERT_FRACTION = 0.3
 """Packing that random insertion is asked for: 0.35–0.4 is the most it reaches, and a shortfall distorts the sizes."""
 
-REST = 0.005
+REST = 0.01
 """RMS speed of particles in a bed at rest, at most, over √(g d)."""
-
-CALMER = 8.0
-"""A bed also counts as at rest when its RMS speed is the plate's at first over this: a tremor in what begins then."""
 
 Ends = tuple[float, float]
 
@@ -212,7 +209,7 @@ def make_deck(
         chunk_steps=2 * insert_every,
         fill_chunks=500,
         full_gain=2e-3,
-        rest_energy=0.5 * _rest_speed(settings) ** 2,
+        rest_energy=0.5 * REST**2 * settings.gravity * classes.sauter_diameter,
         plate_speed=settings.plate_speed,
         start_speed=settings.start_speed,
         start_segments=settings.start_segments,
@@ -226,12 +223,6 @@ def make_deck(
         wall_contacts=not {"wall_pressure", "stress"}.isdisjoint(case.homogenize.fields),
         pair_contacts="stress" in case.homogenize.fields,
     )
-
-
-def _rest_speed(settings: Settings) -> float:
-    """RMS speed of particles [m/s] at which a bed counts as at rest: slow for its weight, or for what comes next."""
-    begins = settings.start_speed if settings.start_segments else settings.plate_speed
-    return max(REST * math.sqrt(settings.gravity * settings.classes.sauter_diameter), begins / CALMER)
 
 
 def bed_lines(deck: Deck, bed: Bed) -> Iterator[str]:

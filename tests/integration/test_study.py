@@ -18,7 +18,7 @@ from granpipe.sweep.points import plan_points
 
 SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
 ARGUMENTS = [
-    "study", str(SMOKE), "--axis", "plate_speed", "--hours", "0.002", "--cores", "2",
+    "study", str(SMOKE), "--axis", "plate_speed", "--hours", "0.0018", "--cores", "2",
     "--set", "dem.max_time=1.4 s", "--set", "homogenize.start=0.4 s",
 ]  # fmt: skip
 
