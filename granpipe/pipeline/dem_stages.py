@@ -152,7 +152,8 @@ class _Replica:
         self.fill, produce = render(self.deck, "fill.in"), render(self.deck, "produce.in")
         stls = {path.name: digest(path) for path in sorted(walls.glob("*.stl"))}
         part: dict[str, Any] = {"deck": self.fill, "walls": stls, "liggghts": context.versions["liggghts"]}
-        part |= {"box": self.deck.box, "packing": (LOOSE, LARGEST_OVERLAP)}
+        # what bed.data has of its own
+        part |= {"box": [f"{end:.10g}" for end in self.deck.box], "packing": [LOOSE, LARGEST_OVERLAP]}
         self.settle_key = key_of("settle", _VERSION, part)
         settled, grid = self.store.folder("settle", self.settle_key), plan.deposit_grid
         part = {"deck": produce, "settled": settled.name, "cell": grid.cell, "z": [grid.z_edges[0], grid.z_edges[-1]]}

@@ -18,9 +18,15 @@ MOST_RETRIES = 2
 MARGIN = 1.1
 """What is put on the modulus that the measured overlap asks for."""
 
+FLOWING = 0.85
+"""Overlap of a flowing bed over that of the settled one: once solids slide down, walls bear more of the weight.
+
+It was 0.74 to 0.90 in five vessels, and 0.97 in the reactor, which is far from the limits (docs/validation/filling.md);
+the gates go by the flowing bed itself."""
+
 
 def with_checked_stiffness(plan: Plan, context: Context) -> Plan:
-    """The plan with a Young's modulus that keeps every settled bed within the limits of overlap.
+    """The plan with a Young's modulus that keeps every flowing bed within the limits of overlap.
 
     A modulus that the case gives is left alone, and so is one with which the bed stays within the limits.
 
@@ -35,7 +41,7 @@ def with_checked_stiffness(plan: Plan, context: Context) -> Plan:
         return plan
     for _ in range(MOST_RETRIES):
         mean, p99 = overlap(settle(plan, context))
-        factor = contact.stiffening(mean, p99)
+        factor = contact.stiffening(FLOWING * mean, FLOWING * p99)
         if factor <= 1:
             return plan
         why = f"at {plan.dem.youngs_modulus:.3g} Pa the settled bed overlapped by {mean:.2%} and {p99:.2%}"

@@ -56,7 +56,7 @@ CELLS_PER_OPENING = 40
 """Cells across the narrowest opening where there are no particles to measure by."""
 
 FILL_TIME = 2.5
-"""Filling and settling take about this many times the free fall through the vessel (measured: 1 to 4; see
+"""Filling and settling take about this many times the free fall through the vessel (measured: 2 to 4; see
 docs/validation/filling.md)."""
 
 CHORD_LIMIT = 0.15
