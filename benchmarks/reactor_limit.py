@@ -96,12 +96,12 @@ times, as soft, 6 s, two runs are below 9.9 and 9.7 % with their noise, in 5 min
 going on in size from two runs nor means with the frictional fluid nor its change with size is clearly better on the
 whole than the finer run alone.
 
-Later runs, in [packed beds](filling.md), not in the tables. With E 5 MPa, mass scaling and an automatic plate speed, seed
-5 (packed at 0.58) is 1.6 % (95 % bound 2.2) from the limit after 6 s of production, of which 3.4 s could be averaged.
-Seed 2 (packed at 0.55) is 4.4 % away with all noise, too few blocks to tell its part; 2.6 s were averaged. With a plate
-of 0.0155 m/s, 12 s, of which 6.9 s were averaged, seed 2 is 3.4 % (below 4.0) away, most in c, d and f. So the limit
-itself, at 0.034 m/s, is not that of no speed: if what a plate's speed does falls in proportion to it, the limit is
-about 6 % away from that, as `make study-reactor` found from other runs.
+Later runs, in [packed beds](filling.md), not in the tables. With E 5 MPa, mass scaling and an automatic plate speed,
+seed 5 (packed at 0.58) is 1.6 % (95 % bound 2.2) from the limit after 6 s of production, of which 3.4 s could be
+averaged. Seed 2 (packed at 0.55) is 4.4 % away with all noise, too few blocks to tell its part; 2.6 s were averaged.
+With a plate of 0.0155 m/s, 12 s, of which 6.9 s were averaged, seed 2 is 3.4 % (below 4.0) away, most in c, d and f. So
+the limit itself, at 0.034 m/s, is not that of no speed: if what a plate's speed does falls in proportion to it, the
+limit is about 6 % away from that, as `make study-reactor` found from other runs.
 
 Runs of `own` are `granpipe run cases/reactor.yaml --set dem.coarse_grain_factor=1 --set contact.youngs_modulus=5e6
 --set dem.ranks=1 --set dem.seed=… --set dem.max_time=…` with `--set 'dem.statistical_error=4 %'` (9 s) or 2 % (6 s:
