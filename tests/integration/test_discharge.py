@@ -61,7 +61,7 @@ def provenance(folder: Path) -> dict[str, Any]:
 
 def test_the_rate_is_that_of_liggghts_own_counter(silo: tuple[Path, list[str]]) -> None:
     discharge = provenance(silo[0])["figures"]["discharge"]
-    assert discharge["kg_per_s"] == pytest.approx(discharge["counted_kg_per_s"], rel=0.01)
+    assert discharge["kg_per_s"] == pytest.approx(discharge["counted_kg_per_s"], rel=0.02)
     assert 0 < discharge["standard_error"] < 0.05 * discharge["kg_per_s"]
 
 

@@ -27,7 +27,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("space")
     write_stl(folder / "two_outlets.stl", two_outlets(ridge=25, height=40))
     (folder / "case.yaml").write_text((CASES / "two_outlets.yaml").read_text())
-    changes = {"dem.max_time": "0.5 s", "dem.ranks": "1", "contact.youngs_modulus": "2e6 Pa"}
+    changes = {"dem.max_time": "1 s", "dem.ranks": "1", "contact.youngs_modulus": "2e6 Pa"}
     return run(read_case(folder / "case.yaml", changes), folder / "results")[0].folder
 
 
@@ -91,7 +91,7 @@ def test_python_reads_the_flow_at_the_rate_of_the_process(made: Path) -> None:
 
 
 def test_nothing_is_left_to_do_the_second_time(made: Path) -> None:
-    changes = {"dem.max_time": "0.5 s", "dem.ranks": "1", "contact.youngs_modulus": "2e6 Pa"}
+    changes = {"dem.max_time": "1 s", "dem.ranks": "1", "contact.youngs_modulus": "2e6 Pa"}
     outcome, stages = run(read_case(made.parent.parent / "case.yaml", changes), made.parent)
     assert not outcome.made
     assert not stages

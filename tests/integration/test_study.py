@@ -62,6 +62,6 @@ def test_a_study_runs_its_points_and_tells_error_against_time(tmp_path: Path) ->
     assert "an earlier run, results/smoke-study/points/plate_speed-0_052" in (folder / "report.md").read_text()
 
     case = load_case(SMOKE, dict(text.split("=") for text in ARGUMENTS if "=" in text))
-    root, missing = plan_points(make_study(case, 0.002, 2, {"plate_speed": []}).sweep(), tmp_path / "results")
+    root, missing = plan_points(make_study(case, 0.0018, 2, {"plate_speed": []}).sweep(), tmp_path / "results")
     assert root.root == folder
     assert not missing
