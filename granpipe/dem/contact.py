@@ -143,8 +143,8 @@ def filling_angle(friction: float, rolling_friction: float) -> float:
     """Angle from the horizontal below an edge up to which a vessel is filled [rad].
 
     `STEEPER` than heaps are: tan α = 0.32 + 0.23 s + 0.42 s q with s = 1 − e^(−μ/0.3) and q = 1 − e^(−μ_r/0.325), by
-    least squares through those of docs/validation/repose.md, which scatter by 1.1° about it. Surfaces that flow are
-    flatter.
+    least squares through those of docs/validation/repose.md, which scatter by 1.1° about it and reach μ = 0.9 and
+    μ_r = 0.4; beyond, it levels off. Surfaces that flow are flatter.
     """
     sliding, rolling = -math.expm1(-friction / 0.3), -math.expm1(-rolling_friction / 0.325)
     return math.atan(0.32 + 0.23 * sliding + 0.42 * sliding * rolling) + STEEPER

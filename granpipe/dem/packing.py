@@ -188,8 +188,6 @@ def packed_bed(
             for part in parts:
                 inside[of_class] |= _contains(part, position[of_class])
         kept.append(Bed(position[inside], number[inside]))
-    if not kept:
-        return none
     return Bed(np.concatenate([bed.position for bed in kept]), np.concatenate([bed.number for bed in kept]))
 
 

@@ -182,7 +182,7 @@ def fill(run: Run) -> None:
     run.due = bool(run.fault)
     for step in range(bed.thermo, 5 * bed.thermo, bed.thermo):
         run.row(step)
-    print("granpipe: not settled" if run.fault == "restless" else "granpipe: full\ngranpipe: settled at 1e-9 J/kg")
+    print("granpipe: not settled" if run.fault == "restless" else "granpipe: settled at 1e-9 J/kg")
     if run.fault == "restless":
         return
     run.snapshot(Path("settled.bin"), 0)

@@ -15,7 +15,7 @@ from granpipe.case.reader import load_case, read_case
 from granpipe.errors import CaseError
 from granpipe.pipeline.run import run_case
 from granpipe.planning.plan import Plan, make_plan
-from granpipe.progress import Silent
+from granpipe.progress import Silent, duration_text
 
 CASES = Path(__file__).parents[2] / "cases"
 
@@ -292,7 +292,7 @@ def test_millimetres_without_their_unit_are_asked_for(tiny: Path) -> None:
 
 
 def test_a_run_too_short_for_the_fit_says_how_long_the_remedy_takes(tiny: Path) -> None:
-    changes = {"homogenize__method": "psi", "homogenize__start": "auto"}
+    changes = {"homogenize__method": "psi", "homogenize__start": "auto", "dem__plate_speed": "0.04"}
     with pytest.raises(
         CaseError, match=r"simulate [\d.]+ s or more, which takes about [\d.]+ (s|min) .*to compute"
     ) as no:
@@ -300,9 +300,7 @@ def test_a_run_too_short_for_the_fit_says_how_long_the_remedy_takes(tiny: Path) 
     seconds = re.search(r"simulate ([\d.]+) s", str(no.value))
     assert seconds is not None
     plan = plan_of(tiny, dem__max_time=f"{seconds[1]} s", **changes)
-    told = re.search(r"takes about ([\d.]+) s to compute", str(no.value))
-    assert told is not None
-    assert float(told[1]) == pytest.approx(plan.seconds, rel=0.03)  # of the time before it was rounded to be told
+    assert f"takes about {duration_text(plan.seconds)} to compute" in str(no.value)
 
 
 def test_the_planner_touches_no_file_and_starts_no_process() -> None:
