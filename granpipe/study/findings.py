@@ -13,12 +13,12 @@ from functools import cached_property
 
 import numpy as np
 
-from granpipe.analysis.compare import Cells, Difference, compare, error_squares
+from granpipe.analysis.compare import Cells, Difference, compare
 from granpipe.case.reader import varied
 from granpipe.case.schema import Case
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import DataError
-from granpipe.field import Array, Field, cell_vectors, section_rows
+from granpipe.field import Array, Field, section_rows
 from granpipe.homogenize.statistics import LEAST_BLOCKS
 from granpipe.pipeline.averages import statistical_errors
 from granpipe.pipeline.dem_stages import finished_productions
@@ -26,12 +26,13 @@ from granpipe.pipeline.provenance import Provenance
 from granpipe.pipeline.run import plan_case
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
+from granpipe.study.axes import FINEST_SPEED
 from granpipe.study.budget import ErrorBound, Option, Size
 from granpipe.study.fields import PSI, FinishedRun, Method, field_of, methods_of
 from granpipe.study.inputs import INPUT, Input
-from granpipe.study.limit import Slope, fit_slope
 from granpipe.study.reference import EarlierRun
 from granpipe.study.scene import Scene
+from granpipe.study.slopes import SAME_SETTING, AxisFit, AxisPoint, AxisSlope, Term, middles, total
 from granpipe.study.uncertainty import Part, Uncertainty, input_part, numerical_part, statistical_part
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.points import point_case
@@ -64,9 +65,6 @@ _LABELS = {
 
 REFERENCE = "reference"
 """Name and axis of an earlier run that is the reference."""
-
-_NEAR = 1e-6
-"""Settings that differ by less, relative, are the same."""
 
 
 @dataclass(frozen=True)
@@ -132,16 +130,6 @@ class Effect:
     contributions: Mapping[str, ErrorBounds]
     predicted: ErrorBounds | None
     measures: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class AxisFit:
-    """How the field changes along an axis: of which order in its setting, and how well that describes the points."""
-
-    axis: str
-    points: int
-    order: float
-    misfit: float | None
 
 
 @dataclass(frozen=True)
@@ -294,7 +282,7 @@ class Comparison:
             unknown=self.unknown,
             options=tuple(options),
             effects=tuple(effects),
-            axis_fits=tuple(slope.fit for slope in self.slopes.values()),
+            axis_fits=tuple(slope.fit for slope in (*self.slopes.values(), self.finest_speed) if slope is not None),
             spread=self._spread(scene),
             rate=float(np.median(rates)) if rates else None,
             uncertainty=self.uncertainty(effects[0]),
@@ -319,9 +307,7 @@ class Comparison:
     @property
     def _at_own_size(self) -> bool:
         """Whether an earlier run with the material's own particles is the reference."""
-        return self.earlier is not None and bool(
-            np.isclose(self.reference.diameter, self._limit("coarse_grain_factor"), rtol=_NEAR, atol=0)
-        )
+        return self.earlier is not None and _same(self.reference.diameter, self._limit("coarse_grain_factor"))
 
     def uncertainty(self, base: Effect) -> dict[str, Uncertainty]:
         """Of the case itself: of the whole field and of every section; none where its field has no error bar."""
@@ -401,7 +387,9 @@ class Comparison:
             systematic=self._difference(self.reference, point.field, point),
             from_base=self._difference(self.base, point.field, point),
             contributions={
-                axis: self._contribution(slope, point) for axis, slope in self.slopes.items() if point.setting
+                axis: self._contribution(slope, axis, point)
+                for axis, slope in self._slopes_near(point).items()
+                if point.setting
             },
             predicted=self._predicted(point) if point.setting and self.slopes else None,
             measures=measures,
@@ -434,15 +422,15 @@ class Comparison:
         return self.earlier.is_of(other.plan if one.axis == REFERENCE else one.plan)
 
     def systematic(self, field: Field, point: StudyPoint) -> ErrorBounds:
-        """Difference of a field of a point from the limit, at most: from the reference, and from there to the limit.
+        """Difference of a field of a point from the limit, noise taken off.
 
-        The two are added (triangle inequality), which is exact where both are of the same shape, as particle sizes are.
+        The limit is the reference less what its settings add. Its noise is that of the points that tell this, so that
+        where these are the point itself, theirs is not independent.
         """
-        found = self._difference(self.reference, field, point)
-        return {
-            name: ErrorBound(part.value + self.distance[name].value, part.upper + self.distance[name].upper)
-            for name, part in found.items()
-        }
+        terms = self._from_limit(self.reference)
+        if not self._alike(self.reference, point):
+            terms += [Term(1.0, field, point.name), Term(-1.0, self.reference.field, self._reference_run)]
+        return self._norms(terms, np.where(field.bulk & self.reference.field.bulk, self._weight, 0.0), point)
 
     def _options(self, point: StudyPoint) -> Iterator[Option]:
         if point.finished is None:
@@ -529,18 +517,39 @@ class Comparison:
         for axis in _SETTING:
             along = [point for point in self.points if point.axis in ("", axis) and point.setting]
             if len({point.setting[axis] for point in along}) > 1:
-                found[axis] = AxisSlope.of(axis, along, self._limit(axis))
+                found[axis] = self._slope(axis, axis, along)
         return found
+
+    @cached_property
+    def finest_speed(self) -> AxisSlope | None:
+        """How the field of the finest particles changes with the plate's speed, where two points or more tell."""
+        fast = [point for point in self.points if point.axis == FINEST_SPEED and point.setting]
+        sizes = [point for point in self.points if point.axis == "coarse_grain_factor" and point.setting]
+        along = fast + [point for point in sizes if fast and _same(point.diameter, fast[0].diameter)]
+        if len({point.setting["plate_speed"] for point in along}) < 2:
+            return None
+        return self._slope(FINEST_SPEED, "plate_speed", along)
+
+    def _slope(self, name: str, axis: str, along: Sequence[StudyPoint]) -> AxisSlope:
+        points = [AxisPoint(point.setting[axis], point.field, point.name) for point in along]
+        return AxisSlope.of(name, points, self._limit(axis))
+
+    def _slopes_near(self, point: StudyPoint) -> dict[str, AxisSlope]:
+        """The slopes by points whose particles are as large as those of this one as may be."""
+        finest = min((one.diameter for one in self.points if one.axis == FINEST_SPEED), default=0.0)
+        if self.finest_speed is None or point.diameter**2 > finest * self.base.diameter:
+            return self.slopes
+        return self.slopes | {"plate_speed": self.finest_speed}
 
     @cached_property
     def distance(self) -> ErrorBounds:
         """Section → difference of the reference from the limit, by the axes that tell it."""
-        return self._changes({axis: slope.limit for axis, slope in self.slopes.items()}, self.reference)
+        return self._norms(self._from_limit(self.reference), self._weight, self.reference)
 
     @property
     def unknown(self) -> tuple[str, ...]:
         """Axes along which the reference is away from the limit, and no two points tell how far."""
-        setting, slack = self.reference.setting, 1 + _NEAR
+        setting, slack = self.reference.setting, 1 + SAME_SETTING
         return tuple(axis for axis in setting if axis not in self.slopes and setting[axis] > slack * self._limit(axis))
 
     def _limit(self, axis: str) -> float:
@@ -549,60 +558,43 @@ class Comparison:
             return 0.0
         return size_classes(self.case.material.size).sauter_diameter
 
-    def _contribution(self, slope: AxisSlope, point: StudyPoint) -> ErrorBounds:
-        change = slope.change(point.setting[slope.fit.axis], slope.limit)
-        return self._norms(*change, slope.weight, point)
+    def _contribution(self, slope: AxisSlope, axis: str, point: StudyPoint) -> ErrorBounds:
+        return self._norms(slope.change(point.setting[axis], slope.limit), slope.weight, point)
 
     def _predicted(self, point: StudyPoint) -> ErrorBounds:
         """The changes along all axes from the reference's settings to the point's, added."""
-        return self._changes(self.reference.setting, point)
+        return self._norms(self._changes(self.reference.setting, point), self._weight, point)
 
-    def _changes(self, base: Mapping[str, float], point: StudyPoint) -> ErrorBounds:
-        """The changes along all axes from these settings to the point's, added."""
-        if not self.slopes:
-            return dict.fromkeys(self._sections, ErrorBound(0.0, 0.0))
-        changes = [slope.change(point.setting[axis], base[axis]) for axis, slope in self.slopes.items()]
-        velocity, variance = (np.sum(terms, axis=0) for terms in zip(*changes, strict=True))
-        weight = np.min([slope.weight for slope in self.slopes.values()], axis=0)
-        return self._norms(velocity, variance, weight, point)
+    def _from_limit(self, point: StudyPoint) -> list[Term]:
+        """What the settings of a point add to the limit: a sum of fields."""
+        return self._changes({axis: self._limit(axis) for axis in _SETTING}, point)
 
-    def _norms(self, velocity: Array, variance: Array, weight: Array, point: StudyPoint) -> ErrorBounds:
+    def _changes(self, base: Mapping[str, float], point: StudyPoint) -> list[Term]:
+        """The changes along all axes from these settings to the point's: a sum of fields."""
+        slopes = self._slopes_near(self.reference)
+        return [term for axis, slope in slopes.items() for term in slope.change(point.setting[axis], base[axis])]
+
+    @property
+    def _reference_run(self) -> str:
+        """Name of the point whose run is the reference."""
+        same = (point.name for point in self.points if self._alike(self.reference, point))
+        return next(same, self.reference.name)
+
+    @cached_property
+    def _weight(self) -> Array:
+        """(nz, nr) area of each ring, 0 where a field that tells of the limit is no bulk [m²]."""
+        weights = [slope.weight for slope in self._slopes_near(self.reference).values()]
+        grid = self.reference.field.grid
+        return np.asarray(np.min([np.broadcast_to(grid.ring_area, grid.shape), *weights], axis=0))
+
+    def _norms(self, terms: Sequence[Term], weight: Array, point: StudyPoint) -> ErrorBounds:
+        """Size of a sum of fields over the whole and each section, relative to the reference, its noise taken off."""
         best = self.reference.field
+        velocity, variance = total(terms, best.grid)
         cells = Cells(weight, (middles(best) ** 2).sum(axis=0), (velocity**2).sum(axis=0), variance)
         shared = max(1.0, (max(point.diameter, self.reference.diameter) / best.grid.cell) ** 2)
         rows = section_rows(best.grid, self.levels)
         return {name: _bound(cells.compare(name, at, shared)) for name, at in rows.items()}
-
-
-@dataclass(frozen=True)
-class AxisSlope:
-    """How the bulk velocity changes along an axis."""
-
-    fit: AxisFit
-    slope: Slope
-    unit: float
-    limit: float
-    weight: Array
-
-    @classmethod
-    def of(cls, axis: str, points: Sequence[StudyPoint], limit: float) -> AxisSlope:
-        """From the points along the axis."""
-        unit = max(point.setting[axis] for point in points)
-        bulk = np.all([point.field.bulk for point in points], axis=0)
-        weight = np.where(bulk, points[0].field.grid.ring_area, 0.0)
-        slope = fit_slope(
-            [point.setting[axis] / unit for point in points],
-            np.array([middles(point.field) for point in points]),
-            np.array([error_squares(point.field) for point in points]),
-            weight,
-        )
-        misfit = slope.misfit if len(points) > 2 else None
-        return cls(AxisFit(axis, len(points), slope.order, misfit), slope, unit, limit, weight)
-
-    def change(self, setting: float, other: float) -> tuple[Array, Array]:
-        """Change of velocity (2, nz, nr) between two settings, and its variance (nz, nr); none between equal ones."""
-        setting = other if np.isclose(setting, other, rtol=_NEAR, atol=0) else setting
-        return self.slope.between(setting / self.unit, other / self.unit)
 
 
 def _reference_point(case: Case, earlier: EarlierRun, plan: Plan) -> StudyPoint:
@@ -620,9 +612,9 @@ def _reference_point(case: Case, earlier: EarlierRun, plan: Plan) -> StudyPoint:
     )
 
 
-def middles(field: Field) -> Array:
-    """(2, nz, nr) bulk velocity in the middle of each cell, at the flow rate of the case [m/s]."""
-    return cell_vectors(field.flux_r, field.flux_z) * field.velocity_scale
+def _same(one: float, other: float) -> bool:
+    """Whether two settings are the same."""
+    return bool(np.isclose(one, other, rtol=SAME_SETTING, atol=0))
 
 
 def _runs(point: StudyPoint) -> dict[str, str]:

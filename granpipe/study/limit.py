@@ -12,37 +12,37 @@ import numpy as np
 
 from granpipe.field import Array
 
-ORDERS = (1.0, 2.0)
-"""Powers p that are tried where three or more points can tell them apart; the first one otherwise."""
+CLEAR = 2.0
+"""Misfit from which first order is given up, where three points or more can tell.
+
+The lesser misfit alone would take the second order for noise half the time, and the limit for nearer than it is.
+"""
 
 
 @dataclass(frozen=True)
 class Slope:
-    """How a quantity changes with xᵖ.
+    """How a quantity changes with xᵖ: c is a sum of the values at the points, each with its part.
 
     Parameters
     ----------
     order : p
-    value : c, of the shape of one point's values
-    variance : of c, of the shape of one point's variances
+    parts : (n,) of each point's values in c
     misfit : Σ of squares of what the line leaves, over what the variances let expect; NaN for two points
     """
 
     order: float
-    value: Array
-    variance: Array
+    parts: Array
     misfit: float
 
-    def between(self, x: float, limit: float = 0.0) -> tuple[Array, Array]:
-        """Change from the limit to x, and its variance."""
-        step = x**self.order - limit**self.order
-        return self.value * step, self.variance * step**2
+    def between(self, x: float, limit: float = 0.0) -> Array:
+        """(n,) part of each point's values in the change from the limit to x."""
+        return np.asarray(self.parts * (x**self.order - limit**self.order))
 
 
 def fit_slope(x: Sequence[float], values: Array, variances: Array, weight: Array) -> Slope:
     """The slope over two or more points.
 
-    Points are weighted by their mean variance, so that the slope is linear in the values and its own variance exact.
+    Points are weighted by their mean variance, so that the slope is linear in the values.
 
     Parameters
     ----------
@@ -51,9 +51,8 @@ def fit_slope(x: Sequence[float], values: Array, variances: Array, weight: Array
     variances : (n, …) of the values, all components together
     weight : (…) of each place, 0 where it does not count
     """
-    orders = ORDERS if len(x) > 2 else ORDERS[:1]
-    found = [_fit(np.asarray(x, dtype=float), order, values, variances, weight) for order in orders]
-    return min(found, key=lambda slope: slope.misfit) if len(x) > 2 else found[0]
+    first, second = (_fit(np.asarray(x, dtype=float), order, values, variances, weight) for order in (1.0, 2.0))
+    return second if first.misfit > max(CLEAR, second.misfit) else first
 
 
 def _fit(x: Array, order: float, values: Array, variances: Array, weight: Array) -> Slope:
@@ -64,9 +63,8 @@ def _fit(x: Array, order: float, values: Array, variances: Array, weight: Array)
     centre = importance @ power / importance.sum()
     part = importance * (power - centre)
     part = part / (part @ power)
-    slope = np.tensordot(part, values, 1)
-    level = np.tensordot(importance / importance.sum(), values, 1)
+    level, slope = (np.tensordot(parts, values, 1) for parts in (importance / importance.sum(), part))
     rest = values - level - slope * (power - centre).reshape(-1, *[1] * slope.ndim)
     left = ((rest**2).sum(axis=1) * weight).reshape(len(x), -1).sum(axis=1) @ importance / scale
     misfit = float(left / (len(x) - 2)) if len(x) > 2 else np.nan
-    return Slope(order, slope, np.tensordot(part**2, variances, 1), misfit)
+    return Slope(order, part, misfit)

@@ -22,8 +22,9 @@ from granpipe.planning.plan import Plan
 from granpipe.progress import duration_text
 from granpipe.study.budget import TOLERANCES, Advice, ErrorBound, Option, advise, pareto, percent, sure_factor
 from granpipe.study.chart import draw_curves, draw_effects, draw_options
-from granpipe.study.findings import AxisFit, Effect, Findings, ReferenceRun
+from granpipe.study.findings import Effect, Findings, ReferenceRun
 from granpipe.study.fluid import Solve
+from granpipe.study.slopes import AxisFit
 from granpipe.study.uncertainty import COVERAGE, Part
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.status import PointStatus
@@ -168,8 +169,9 @@ def _distance_text(found: Findings) -> str:
         return f"Errors are against the reference alone.{unknown}"
     return (
         "Errors of options are against the limit: the material's own size, no plate speed, no softness, no time step, "
-        f"no mass scaling. The reference is itself {percent(part.value)} from it, at most {percent(part.upper)} "
-        f"({', '.join(told)}); that is added to each systematic error.{unknown}"
+        "no mass scaling. That is the reference less what its settings add, as points along the axes tell it "
+        f"({', '.join(told)}): {percent(part.value)}, at most {percent(part.upper)}. Their noise is in every "
+        f"bound.{unknown}"
     )
 
 
@@ -207,7 +209,7 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
 
 def _particle_sections(found: Findings) -> Iterator[Section]:
     """Sections on the points with particles."""
-    axes = [fit.axis for fit in found.axis_fits]
+    axes = list(dict.fromkeys(axis for effect in found.effects for axis in effect.contributions))
     yield Section(
         "Error budget",
         [

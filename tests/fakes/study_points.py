@@ -53,13 +53,21 @@ def shapes(grid):
     return flux_from_psi(plug, grid), flux_from_psi(bump, grid)
 
 
-def point(name: str, axis: str, changes: dict[str, str], sigma: float, seed: int, case: Case = CASE) -> StudyPoint:
+def point(
+    name: str,
+    axis: str,
+    changes: dict[str, str],
+    sigma: float,
+    seed: int,
+    case: Case = CASE,
+    per_speed: float = PER_SPEED,
+) -> StudyPoint:
     """Profile strength: as the diameter and the speed have it."""
     plan = make_plan(varied(case, changes))
     grid, rng = plan.grid, np.random.default_rng(seed)
     (plug_r, plug_z), (bump_r, bump_z) = shapes(grid)
     diameter, speed = plan.dem.classes.sauter_diameter, plan.dem.plate_speed
-    strength = PER_DIAMETER * (diameter - OWN) + PER_SPEED * speed
+    strength = PER_DIAMETER * (diameter - OWN) + per_speed * speed
     strength += PER_FRICTION * (plan.case.contact.friction - CASE.contact.friction)
     strength += PER_MASS * (plan.dem.classes.mass_factor - 1)
     scale = np.abs(plug_z).mean()
@@ -74,13 +82,13 @@ def point(name: str, axis: str, changes: dict[str, str], sigma: float, seed: int
     return StudyPoint(name, axis, changes, plan, field, finished, 10.0, 1, 10.0)  # type: ignore[arg-type]
 
 
-def study(sigma: float) -> Comparison:
+def study(sigma: float, seed: int = 1) -> Comparison:
     points = [
-        point(BASE, "", {}, sigma, 1),
-        point("coarse", "coarse_grain_factor", {"dem.coarse_grain_factor": "2"}, sigma, 2),
-        point("fine", "coarse_grain_factor", {"dem.coarse_grain_factor": "1.2"}, sigma, 3),
-        point("fast", "plate_speed", {"dem.plate_speed": "0.04", "dem.max_time": "4"}, sigma, 4),
-        point("slow", "plate_speed", {"dem.plate_speed": "0.01", "dem.max_time": "16"}, sigma, 5),
+        point(BASE, "", {}, sigma, seed),
+        point("coarse", "coarse_grain_factor", {"dem.coarse_grain_factor": "2"}, sigma, seed + 1),
+        point("fine", "coarse_grain_factor", {"dem.coarse_grain_factor": "1.2"}, sigma, seed + 2),
+        point("fast", "plate_speed", {"dem.plate_speed": "0.04", "dem.max_time": "4"}, sigma, seed + 3),
+        point("slow", "plate_speed", {"dem.plate_speed": "0.01", "dem.max_time": "16"}, sigma, seed + 4),
     ]
     return Comparison(CASE, points)
 

@@ -10,7 +10,17 @@ import pytest
 from granpipe.case.reader import load_case, varied
 from granpipe.errors import CaseError
 from granpipe.planning.plan import make_plan
-from granpipe.study.axes import BASE, BEST, CHEAP, Basis, StudyVariant, affordable, read_axes, study_variants
+from granpipe.study.axes import (
+    BASE,
+    BEST,
+    CHEAP,
+    FINEST_SPEED,
+    Basis,
+    StudyVariant,
+    affordable,
+    read_axes,
+    study_variants,
+)
 from granpipe.study.points import COARSEST, make_study
 from granpipe.sweep.variants import Variant
 
@@ -89,6 +99,15 @@ def test_the_cheapest_point_is_coarsest_and_fastest(case) -> None:
     assert float(changes["dem.plate_speed"]) == 0.04
 
 
+def test_the_finest_particles_are_run_at_every_plate_speed(case) -> None:
+    found = along(study_variants(case, BASIS, every), FINEST_SPEED)
+    assert {float(changes["dem.coarse_grain_factor"]) for changes in found} == {1}
+    speeds = {float(changes["dem.plate_speed"]): float(changes["dem.max_time"]) for changes in found}
+    assert speeds == {0.04: pytest.approx(case.dem.max_time / 2), 0.01: pytest.approx(case.dem.max_time * 2)}
+    asked = study_variants(case, BASIS, every, read_axes(["coarse_grain_factor=1", "plate_speed=0.05", FINEST_SPEED]))
+    assert [float(changes["dem.plate_speed"]) for changes in along(asked, FINEST_SPEED)] == [0.05]
+
+
 def test_facets_of_other_walls_can_be_quartered(case) -> None:
     facets = [int(changes["dem.facets"]) for changes in along(study_variants(case, BASIS, every), "facets")]
     assert facets == [8, 32]
@@ -108,6 +127,7 @@ def test_what_does_not_fit_the_scene_is_left_out(case) -> None:
     variants = study_variants(case, BASIS, no_coarse_graining)
     assert not along(variants, "coarse_grain_factor")
     assert not along(variants, BEST)
+    assert not along(variants, FINEST_SPEED)
 
 
 def test_an_open_outlet_has_no_plate_to_vary(case) -> None:

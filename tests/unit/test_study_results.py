@@ -12,7 +12,7 @@ from granpipe.case.reader import varied
 from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.planning.plan import make_plan
-from granpipe.study.axes import BASE
+from granpipe.study.axes import BASE, FINEST_SPEED
 from granpipe.study.budget import ErrorBound, advise
 from granpipe.study.findings import Comparison, Findings, StudyPoint
 from granpipe.study.fluid import Solve, fluid_findings
@@ -94,6 +94,46 @@ def test_the_error_of_a_field_counts_from_the_limit_not_from_the_reference() -> 
         found = made.systematic(one.field, one)["whole"]
         assert found.value == pytest.approx(unit * strength, rel=0.1)
         assert found.upper > unit * strength
+
+
+def test_noise_of_a_point_on_several_axes_counts_for_what_it_adds_to_their_sum() -> None:
+    """The case itself is on both axes. By the mean square over many studies."""
+    made = [Comparison(CASE, [study(0.1, seed=10 * number).points[at] for at in (0, 2, 3)]) for number in range(1, 41)]
+    found = np.sqrt(np.mean([one.distance["whole"].value ** 2 for one in made]))
+    assert found == pytest.approx(norm_of_profile(made[0]) * (PER_DIAMETER * 0.002 + PER_SPEED * 0.02), rel=0.1)
+
+
+def test_the_limit_goes_by_what_a_plate_does_to_the_finest_particles() -> None:
+    sigma, steep = 0.002, 3 * PER_SPEED
+    fine, fast = {"dem.coarse_grain_factor": "1.2"}, {"dem.plate_speed": "0.04", "dem.max_time": "4"}
+    points = [
+        point(BASE, "", {}, sigma, 1),
+        point("fine", "coarse_grain_factor", fine, sigma, 2, per_speed=steep),
+        point("fast", "plate_speed", fast, sigma, 3),
+        point("fine-fast", FINEST_SPEED, fine | fast, sigma, 4, per_speed=steep),
+    ]
+    made = Comparison(CASE, points)
+    unit = norm_of_profile(made)
+    assert made.reference.name == "fine"
+    plates = [made.effect(one, {}).contributions["plate_speed"]["whole"].value for one in points]
+    expected = [PER_SPEED * 0.02, steep * 0.02, PER_SPEED * 0.04, steep * 0.04]
+    assert plates == pytest.approx([unit * one for one in expected], rel=0.1)
+    size = PER_DIAMETER * 0.002 + (PER_SPEED - steep) * 0.02 * 0.002 / (0.005 - 0.002)  # by a line through two sizes
+    assert made.distance["whole"].value == pytest.approx(unit * (size + steep * 0.02), rel=0.1)
+    assert made.systematic(points[3].field, points[3])["whole"].value == pytest.approx(
+        unit * (size + steep * 0.04), rel=0.1
+    )
+    assert made.finest_speed is not None
+    assert made.finest_speed.fit.points == 2
+
+
+def test_differences_from_the_limit_are_added_as_fields_not_by_their_sizes() -> None:
+    """The slow point is coarser than the reference, and on the limit's side of it by its plate."""
+    made = study(0.0005)
+    slow = made.points[4]
+    assert made.reference.name == "fine"
+    found = made.systematic(slow.field, slow)["whole"]
+    assert found.value == pytest.approx(norm_of_profile(made) * (PER_DIAMETER * 0.005 + PER_SPEED * 0.01), rel=0.03)
 
 
 def test_axes_that_the_study_cannot_tell_are_named() -> None:
