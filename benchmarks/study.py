@@ -39,8 +39,8 @@ the same narrowest opening over d90, and plate speed over the automatic one.
 `--reference RESULTS` counts all errors from an earlier run of the same vessel and material, in place of the finest
 point: from one with the material's own particles, the error of particle size is measured and not extrapolated. Its
 results folder is enough (velocity, standard errors and effective blocks, cells, and the particle size, plate speed,
-stiffness and time step that it was made with; any flow rate). Its own distance from the limit follows from the slopes
-of the points at its settings, zero along the size where its particles are the material's; its noise is in every bound.
+stiffness and time step that it was made with; any flow rate). What its settings add to the limit follows from the
+slopes of the points, zero along the size where its particles are the material's; its noise is in every bound.
 Where its cells are smaller than the study's, it is brought onto these by its stream function, which changes a smeared
 flow by 0.5 to 1.2 % (`pytest tests/unit/test_regrid.py`); with cells more than a quarter larger it is refused, and so
 is a run of another scene or model. Where its results tell their processor time, it is an option of its own. A folder
@@ -55,13 +55,18 @@ with no more than that is made by `python benchmarks/reactor_limit.py pack RESUL
   there, filling included: the wall time on cores that nothing else uses. Replicas count for as many cores as they are.
 - **Statistical** is the standard error of the option's own average, **systematic** the difference of the point's
   whole average from the limit: the material's own size, no plate speed, no softness, no time step, no mass scaling.
-  It is the difference from the reference (that of `--reference`, or else finest particles, then slowest plate, then
-  longest run), the noise of both taken off, and the reference's own distance from the limit, added. The squares of both
-  parts add to the error. The 95 % bound includes how well either is known; by it an error is *proven*.
+  The limit is the field of the reference (that of `--reference`, or else finest particles, then slowest plate, then
+  longest run) less what its settings add: one sum of fields, in which each point's noise counts once, and all noise is
+  taken off. The squares of both parts add to the error. The 95 % bound includes how well either is known; by it an
+  error is *proven*.
 - **Unresolved** differences are smaller than their own uncertainty: only the bound is stated.
 - The **budget** goes on to the limit of each axis: the material's own size, no speed, no softness, no step, no
-  mass scaling. Along an axis the field is F₀ + c xᵖ, c fitted face by face, p of first order with two points, of first
-  or second with more. What all settings together let expect stands beside what was measured.
+  mass scaling. Along an axis the field is F₀ + c xᵖ, c fitted face by face. p is 1, and 2 only where three points or
+  more leave more than twice their noise with 1 and less with 2: of two powers that fit, the first is the farther from
+  the limit. What all settings together let expect stands beside what was measured.
+- What a plate's speed adds depends on the particles: the axis `finest_speed` has the finest ones at every plate speed,
+  and the limit goes by these where they are run. On a free surface it should go with v/d^1.5, the flow rate of the
+  layer over d √(g d) ([GDR MiDi 2004](../theory/index.md#references)).
 - Points have the seed of the case: beds that are filled alike lie less far apart than others would. The axis `seed` is
   another filling, the axis `ranks` a third one on two ranks; what they differ from the case beyond the noise, no error
   bar of a single run sees.
@@ -82,9 +87,9 @@ REACTOR = """\
 
 This is what `make study-reactor` makes of `cases/reactor.yaml`, copied here by `benchmarks/study.py`; how to read it
 stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm in radius, enlarged twice; points have
-them enlarged less, another plate speed at equal travel, another filling, or are a fluid alone. With particles enlarged
-2.5 times and more the throat is narrower than five times d90, which granpipe marks. Errors count
-from [a run with the material's own particles](reactor_limit.md), seed 1.
+them enlarged less or not, another plate speed at equal travel, another filling, or are a fluid alone. With particles
+enlarged 2.5 times and more the throat is narrower than five times d90, which granpipe marks. Errors count
+from [runs with the material's own particles](reactor_limit.md), the mean of two fillings.
 """
 
 README_BLOCK = "<!-- by benchmarks/study.py -->\n", "<!-- until here -->"
