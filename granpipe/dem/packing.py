@@ -156,6 +156,11 @@ class Bed:
         return len(self.number)
 
 
+def packable(classes: SizeClasses) -> bool:
+    """Whether the sizes are near enough to each other for a packed bed."""
+    return classes.largest <= WIDEST * classes.smallest
+
+
 def packed_bed(
     classes: SizeClasses,
     packing: float,
@@ -174,7 +179,7 @@ def packed_bed(
     """
     none = Bed(np.empty((0, 3)), np.empty(0, dtype=np.int64))
     room = np.array([sum(one.volume for one in parts) for parts in pieces])
-    if not room.all() or classes.largest > WIDEST * classes.smallest:
+    if not room.all() or not packable(classes):
         return none
     due = classes.number_share / room  # large ones keep farther from walls
     wanted = replace(classes, number_share=due / due.sum())

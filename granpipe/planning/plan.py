@@ -11,6 +11,7 @@ import numpy as np
 
 from granpipe.case.reader import varied
 from granpipe.case.schema import Case
+from granpipe.dem.packing import WIDEST, packable
 from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, check_gap, choose
 from granpipe.dem.sizes import simulated_classes, size_classes
 from granpipe.errors import CaseError, MeshError
@@ -470,7 +471,7 @@ class _Scene:
         reasons = "; ".join(f"{name}: {need.dem}" for name, need in self.needs.items() if need.dem)
         stages = [
             Stage("walls", "LIGGGHTS needs the walls in space, a reservoir and the outlet"),
-            Stage("settle", "a packed bed, topped up until the vessel is full, comes to rest"),
+            _settle_stage(settings),
             Stage("produce", reasons or self._why_particles),
             Stage("field", f"average, then conserve by method {self.case.homogenize.method}"),
             self._results("dem"),
@@ -763,7 +764,7 @@ def _space_plan(case: Case, cores: int, model: Model = "dem") -> Plan:
     _check_duration(case, settings, cores)
     stages = (
         Stage("walls", "LIGGGHTS needs a reservoir above the inlet, and a plate below each outlet"),
-        Stage("settle", "a packed bed, topped up until the vessel is full, comes to rest"),
+        _settle_stage(settings),
         Stage("produce", "a vessel in space is computed by particles"),
         Stage("field", "average in space, then take the nearest flow that conserves"),
         Stage("results", ", ".join(["field.npz", *case.export, *(f"figures: {name}" for name in case.figures)])),
@@ -830,6 +831,12 @@ def decisions_of(submodels: Iterable[tuple[Span, Plan]]) -> tuple[Decision, ...]
 def assumed_rate(ranks: int) -> float:
     """Particle-steps per second that `Plan.seconds` goes by."""
     return RATE * ranks * (RANK_GAIN if ranks > 1 else 1.0)
+
+
+def _settle_stage(settings: Settings) -> Stage:
+    if packable(settings.classes):
+        return Stage("settle", "a packed bed, topped up until the vessel is full, comes to rest")
+    return Stage("settle", f"particles drop in until the vessel is full and at rest: sizes over {WIDEST:g} : 1")
 
 
 def _left_out_of_decks(case: Case) -> list[Stage]:

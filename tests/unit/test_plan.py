@@ -46,6 +46,14 @@ def test_the_reactor_needs_dem_and_the_plan_says_where() -> None:
     assert "ring" in produce.reason
 
 
+def test_the_plan_says_how_the_vessel_is_filled(tiny: Path) -> None:
+    sizes = "{{diameter: {{sieve: {{edges: [{}], fractions: [50 %, 50 %]}}}}, by: mass}}"
+    edges = {"packed bed": "4 mm, 5 mm, 9 mm", "drop in": "0.6 mm, 0.7 mm, 9 mm"}
+    for how, places in edges.items():
+        plan = plan_of(tiny, material__size=sizes.format(places))
+        assert how in next(stage.reason for stage in plan.stages if stage.name == "settle")
+
+
 def test_particles_too_large_for_an_opening_are_refused_with_the_ratio(tiny: Path) -> None:
     with pytest.raises(CaseError, match=r"only 3 times the particles' d90"):
         plan_of(tiny, material__size__diameter="4 cm")
