@@ -47,10 +47,9 @@ def test_the_reactor_needs_dem_and_the_plan_says_where() -> None:
 
 
 def test_the_plan_says_how_the_vessel_is_filled(tiny: Path) -> None:
-    sizes = "{{diameter: {{sieve: {{edges: [{}], fractions: [50 %, 50 %]}}}}, by: mass}}"
-    edges = {"packed bed": "4 mm, 5 mm, 9 mm", "drop in": "0.6 mm, 0.7 mm, 9 mm"}
-    for how, places in edges.items():
-        plan = plan_of(tiny, material__size=sizes.format(places))
+    sizes = "{{diameter: {{sieve: {{edges: [{}, 8 mm, 9 mm], fractions: [30 %, 40 %, 30 %]}}}}, by: mass}}"
+    for how, finest in {"packed bed": "4 mm, 5 mm", "drop in": "1 mm, 1.2 mm"}.items():
+        plan = plan_of(tiny, material__size=sizes.format(finest))
         assert how in next(stage.reason for stage in plan.stages if stage.name == "settle")
 
 
