@@ -14,12 +14,20 @@ from granpipe.geometry.set_back import WALLS_KEY, set_back
 POSSIBLE_FIELDS = ("residence_time", "age")
 """What of homogenize.fields follows from the flow alone; the rest is summed over particles, some in the solid."""
 
+SHARE = 0.5
+"""Part of (k − 1) Sauter radii by which walls are set back.
+
+With all of it, centres come as near to the walls as the material's, but the slow layer along a wall, which is k times
+as thick, then lies in the drawn solid: flow is too fast there where it is too slow between walls as drawn
+(docs/validation/set_back.md).
+"""
+
 MOST_COMPARED = 2.0
 """Coarse-grain factor up to which fields were compared with those of the material's own particles."""
 
 UNKNOWN = (
-    f"compared with the material's own particles for dem.coarse_grain_factor up to {MOST_COMPARED:g} and without "
-    "obstacles only (docs/validation/set_back.md)"
+    f"compared with the material's own particles for dem.coarse_grain_factor up to {MOST_COMPARED:g} only "
+    "(docs/validation/set_back.md)"
 )
 
 
@@ -31,7 +39,7 @@ class Walls(NamedTuple):
 
 
 def walls_of(case: Case, outline: Outline) -> Walls:
-    """The walls of a DEM run: as drawn, or set back by (k − 1) times the material's Sauter radius.
+    """The walls of a DEM run: as drawn, or set back by `SHARE` of (k − 1) times the material's Sauter radius.
 
     The Sauter radius, because a size has its share of what touches a wall by its surface; grid and wall mesh go by it,
     too.
@@ -40,13 +48,15 @@ def walls_of(case: Case, outline: Outline) -> Walls:
     ------
     CaseError : the case asks for what cannot be had between walls that are set back
     """
-    if case.dem.walls == "as_drawn":
+    factor = case.dem.coarse_grain_factor
+    if case.dem.walls == "as_drawn" or factor == 1:
         return Walls(outline, None)
     _check(case)
-    factor = case.dem.coarse_grain_factor
-    distance = (factor - 1) * size_classes(case.material.size).sauter_diameter / 2
-    criterion = f"(k − 1) Sauter radii into the solid, with k = {factor:g}; the field is cut at the walls as drawn"
-    warning = "" if factor <= MOST_COMPARED and not outline.obstacles else UNKNOWN
+    distance = SHARE * (factor - 1) * size_classes(case.material.size).sauter_diameter / 2
+    criterion = (
+        f"{SHARE:g} (k − 1) Sauter radii into the solid, with k = {factor:g}; the field is cut at the walls as drawn"
+    )
+    warning = "" if factor <= MOST_COMPARED else UNKNOWN
     return Walls(set_back(outline, distance), Decision("walls", f"back {distance:.3g} m", criterion, warning=warning))
 
 
@@ -71,11 +81,6 @@ def check_dumps(case: Case) -> None:
 
 
 def _check(case: Case) -> None:
-    if case.dem.coarse_grain_factor == 1:
-        raise CaseError(
-            "set_back is for enlarged particles, and dem.coarse_grain_factor is 1: leave it out, or enlarge them",
-            WALLS_KEY,
-        )
     if case.outline.symmetry == "plane":
         raise CaseError("set_back is possible in bodies of revolution only; leave it out in a slab", WALLS_KEY)
     if case.dem.outlet == "open":

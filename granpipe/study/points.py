@@ -91,11 +91,6 @@ def make_study(
     rates : of this machine, where they are known
     inputs : what is known as a range: the case is run at both ends as well
     """
-    if case.dem.walls == "set_back":
-        raise CaseError(
-            "a study tells errors of size between walls as drawn: set as_drawn; compare walls by `granpipe compare`",
-            ("dem", "walls"),
-        )
     if case.vessel is not None:
         raise CaseError("a study is made of outlines only; vary a vessel in space by a sweep", ("vessel",))
     plans = model_plans(case)

@@ -221,7 +221,7 @@ def read_reference(folder: Path, case: Case) -> EarlierRun:
             f"{folder} is a run of another vessel or material ({'; '.join(apart[:3])}{more}); give one of this case",
             place=PLACE,
         )
-    if found.plan.case.dem.walls == "set_back":
+    if found.plan.set_back is not None:
         raise CaseError(f"{folder} is a run with walls set back; give one with dem.walls: as_drawn", place=PLACE)
     return found
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granpipe.case.reader import load_case
+from granpipe.case.reader import load_case, varied
 from granpipe.errors import CaseError
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.planning.vessel_text import contents_text
@@ -24,15 +24,15 @@ def plan_of(path: Path, **changes: str) -> Plan:
 
 def test_particles_see_walls_set_back_by_what_they_are_larger(tiny: Path) -> None:
     plan, drawn = plan_of(tiny), plan_of(tiny, dem__walls="as_drawn")
-    assert plan.simulated.r_max == pytest.approx(0.065)  # (2 − 1) × 5 mm
+    assert plan.simulated.r_max == pytest.approx(0.0625)  # half of (2 − 1) × 5 mm
     assert plan.outline.r_max == 0.06
     assert drawn.simulated is drawn.outline
     # openings, particles and speeds are those between the walls that particles see
     gap = {one.name: one for one in plan.decisions}["gap/d90 at the outlet"]
-    assert float(gap.value) == pytest.approx(0.13 / 0.02)
-    assert plan.dem.particles / drawn.dem.particles == pytest.approx((0.065 / 0.06) ** 2, rel=0.03)
+    assert float(gap.value) == pytest.approx(0.125 / 0.02)
+    assert plan.dem.particles / drawn.dem.particles == pytest.approx((0.0625 / 0.06) ** 2, rel=0.03)
     (walls,) = (one for one in plan.decisions if one.name == "walls")
-    assert walls.value == "back 0.005 m"
+    assert walls.value == "back 0.0025 m"
     assert "walls" not in {one.name for one in drawn.decisions}
 
 
@@ -43,27 +43,26 @@ def test_the_fields_grid_is_that_of_the_vessel_as_drawn(tiny: Path) -> None:
     wide = plan.deposit_grid
     assert np.array_equal(wide.z_edges, plan.grid.z_edges)
     assert np.array_equal(wide.r_edges[: len(plan.grid.r_edges)], plan.grid.r_edges)
-    assert wide.r_edges[-1] >= 0.065
+    assert wide.r_edges[-1] >= 0.0625
 
 
 def test_the_contents_that_are_told_are_those_between_the_walls_set_back(tiny: Path) -> None:
     told, drawn = (contents_text(plan_of(tiny, dem__walls=walls)) for walls in ("set_back", "as_drawn"))
-    assert "outlet: 6.5 × d90" in told
+    assert "outlet: 6.25 × d90" in told
     assert "outlet: 6 × d90" in drawn
     more = [int(text.split("particles ")[1].split()[0]) for text in (drawn, told)]
-    assert more[1] / more[0] == pytest.approx((0.065 / 0.06) ** 2, rel=0.01)
+    assert more[1] / more[0] == pytest.approx((0.0625 / 0.06) ** 2, rel=0.01)
 
 
 def test_of_several_sizes_the_sauter_radius_counts(tiny: Path) -> None:
     sieve = "{diameter: {sieve: {edges: [8 mm, 10 mm, 12 mm], fractions: [50 %, 50 %]}}, by: mass}"
     plan = plan_of(tiny, material__size=sieve)
-    assert plan.simulated.r_max - 0.06 == pytest.approx(0.25 * plan.dem.classes.sauter_diameter, rel=1e-6)
+    assert plan.simulated.r_max - 0.06 == pytest.approx(0.125 * plan.dem.classes.sauter_diameter, rel=1e-6)
 
 
 @pytest.mark.parametrize(
     ("changes", "key", "what"),
     [
-        ({"dem__coarse_grain_factor": "1"}, "walls", "coarse_grain_factor is 1"),
         ({"dem__outlet": "open"}, "walls", "open outlet"),
         ({"homogenize__fields": "[wall_pressure]"}, "fields", "wall_pressure"),
         ({"homogenize__fields": "[residence_time, stress]", "homogenize__method": "psi"}, "fields", "stress"),
@@ -71,10 +70,10 @@ def test_of_several_sizes_the_sauter_radius_counts(tiny: Path) -> None:
         (
             {"material__size": "{diameter: 2 cm}", "dem__coarse_grain_factor": "4"},
             1,
-            "between walls set back .* only 2.2",
+            "between walls set back .* only 1.9",
         ),
         ({"material__size": "{diameter: 2.5 cm}", "dem__coarse_grain_factor": "1.1"}, 1, "is 0.12 m wide, only 4.8"),
-        ({"outline__obstacles": "{pin: [[0, 4], [0.5, 4], [0.5, 6], [0, 6]]}"}, "pin", "nothing is left"),
+        ({"outline__obstacles": "{pin: [[0, 4], [0.2, 4], [0.2, 6], [0, 6]]}"}, "pin", "nothing is left"),
     ],
 )
 def test_what_cannot_be_right_is_refused(tiny: Path, changes: dict[str, str], key: str | int, what: str) -> None:
@@ -83,14 +82,29 @@ def test_what_cannot_be_right_is_refused(tiny: Path, changes: dict[str, str], ke
     assert refused.value.key[-1] == key
 
 
-def test_a_hybrid_and_a_study_refuse_it() -> None:
+def test_the_materials_own_particles_see_the_walls_as_drawn(tiny: Path) -> None:
+    plan = plan_of(tiny, dem__coarse_grain_factor="1")
+    assert plan.set_back is None
+    assert "walls" not in {one.name for one in plan.decisions}
+
+
+def test_a_study_compares_sizes_between_walls_set_back(tiny: Path) -> None:
+    case = load_case(tiny, BACK)
+    made = make_study(case, 100.0, 1, {"coarse_grain_factor": ["1", "1.5"]})
+    walls = {
+        one.variant.name: make_plan(varied(made.case, one.variant.changes)).simulated.r_max for one in made.variants
+    }
+    assert walls == {
+        "base": pytest.approx(0.0625),
+        "coarse_grain_factor-1": 0.06,
+        "coarse_grain_factor-1_5": pytest.approx(0.06125),
+    }
+
+
+def test_a_hybrid_refuses_it() -> None:
     for changes in ({"model": "hybrid"}, {"model": "auto"}):
         with pytest.raises(CaseError, match="model: dem"):
             make_plan(load_case(CASES / "reactor_hybrid.yaml", {"dem.walls": "set_back"} | changes))
-    case = load_case(CASES / "reactor.yaml", {"dem.walls": "set_back"})
-    with pytest.raises(CaseError, match="as_drawn") as refused:
-        make_study(case, 1.0, 1)
-    assert refused.value.key == ("dem", "walls")
 
 
 def test_a_fluid_has_no_particles_to_set_walls_back_for() -> None:
@@ -104,4 +118,3 @@ def test_what_was_not_compared_with_the_materials_own_particles_is_noted(tiny: P
 
     assert not noted()
     assert noted(material__size="{diameter: 6 mm}", dem__coarse_grain_factor="2.5")
-    assert noted(material__size="{diameter: 5 mm}", outline__obstacles="{pin: [[0, 4], [1, 4], [1, 6], [0, 6]]}")
