@@ -23,7 +23,7 @@ from unittest.mock import patch
 import numpy as np
 from scipy import ndimage, sparse
 from scipy.sparse.linalg import splu
-from set_back import VESSELS, Fields, field_name, folder_of
+from set_back import AS_DRAWN, VESSELS, Fields, field_name, folder_of
 
 from granpipe.analysis.compare import compare
 from granpipe.case.reader import read_case, varied
@@ -238,7 +238,7 @@ def corrected(name: str, factor: float, results: Path) -> str:
     case = fields.vessel.case(results / f"{name}-drawn", 1.0)
     changes = {"model": "fluid", "fluid.rheology": "frictional", "material.bulk_density": "1500 kg/m^3"}
     try:
-        run = Field.load(folder_of(results, name, factor, "as_drawn") / field_name(range(fields.vessel.seeds[factor])))
+        run = Field.load(folder_of(results, name, factor, AS_DRAWN) / field_name(range(fields.vessel.seeds[factor])))
         plan = replace(make_plan(varied(case, changes), 1), grid=run.grid)
         fluids = [fluid_of(plan, bulk_friction(case), one) for one in (1.0, factor)]
     except GranpipeError as error:

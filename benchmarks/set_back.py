@@ -11,8 +11,8 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from itertools import combinations
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from scipy import ndimage
@@ -21,7 +21,7 @@ from granpipe.analysis.compare import ONE_SIDED_95, Difference, compare
 from granpipe.case.reader import read_case
 from granpipe.case.schema import Case
 from granpipe.console import Console
-from granpipe.errors import DataError, RunError
+from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.pipeline.averages import statistical_errors
 from granpipe.pipeline.context import Context
@@ -29,8 +29,9 @@ from granpipe.pipeline.convergence import Convergence
 from granpipe.pipeline.dem_field import dem_field
 from granpipe.pipeline.dem_stages import simulate
 from granpipe.pipeline.gates import IN_SOLID
-from granpipe.pipeline.run import run_case
+from granpipe.planning import set_back
 from granpipe.planning.plan import make_plan
+from granpipe.planning.set_back import SHARE
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
@@ -156,16 +157,14 @@ VESSELS = {
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("what", choices=["run", "page"])
-    parser.add_argument("--vessels", nargs="*", default=[*VESSELS, "reactor"])
+    parser.add_argument("--vessels", nargs="*", default=[*VESSELS])
     parser.add_argument("--results", type=Path, default=Path("results-set-back"))
     parser.add_argument("--out", type=Path, default=HERE.parent / "docs" / "validation" / "set_back.md")
     options = parser.parse_args()
     if options.what == "run":
-        if "reactor" in options.vessels:
-            run_reactor(options.results / "reactor")
-        for name in (one for one in options.vessels if one != "reactor"):
+        for name in options.vessels:
             for factor, seeds in VESSELS[name].seeds.items():
-                for walls in WALLS[: 1 if factor == 1 else 2]:
+                for walls in list(WALLS)[: 1 if factor == 1 else None]:
                     run(name, factor, walls, seeds, options.results)
     else:
         text = page(options.results, f"{datetime.now(UTC):%Y-%m-%d}")
@@ -173,11 +172,13 @@ def main() -> None:
         print(text)
 
 
-WALLS = ("as_drawn", "set_back")
+AS_DRAWN, BACK = "as drawn", "set back"
+WALLS = {AS_DRAWN: 0.0, BACK: SHARE, "by all of it": 1.0}
+"""Where the walls are: by which part of (k − 1) r they are set back."""
 
 
 def folder_of(results: Path, name: str, factor: float, walls: str) -> Path:
-    return results / f"{name}-{factor:g}{'-back' if walls == 'set_back' else ''}".replace(".", "_")
+    return results / f"{name}-{factor:g}{f'-back-{WALLS[walls]:g}' if WALLS[walls] else ''}".replace(".", "_")
 
 
 def run(name: str, factor: float, walls: str, seeds: int, results: Path) -> None:
@@ -185,7 +186,8 @@ def run(name: str, factor: float, walls: str, seeds: int, results: Path) -> None
     vessel, folder = VESSELS[name], folder_of(results, name, factor, walls)
     if (folder / "run.json").exists():
         return
-    plan = make_plan(vessel.case(folder, factor, walls, seeds), 1)
+    with mock.patch.object(set_back, "SHARE", WALLS[walls]):
+        plan = make_plan(vessel.case(folder, factor, "set_back" if WALLS[walls] else "as_drawn", seeds), 1)
     store = Store(results / ".store")
     versions = library_versions() | program_versions(store.root / "programs.json")
     with Console() as console:
@@ -227,7 +229,7 @@ class Fields:
         self.name, self.results, self.vessel = name, results, VESSELS[name]
         case = self.vessel.case(results / f"{name}-drawn", 1.0)
         self.diameter, self.levels = 1e-3 * self.vessel.diameter, case.outline.levels
-        folder = folder_of(results, name, 1.0, "as_drawn")
+        folder = folder_of(results, name, 1.0, AS_DRAWN)
         self.truth = Field.load(folder / field_name(range(self.vessel.seeds[1.0])))
 
     def wrong(self, factor: float, walls: str, numbers: range) -> dict[str, Difference]:
@@ -270,7 +272,7 @@ def page(results: Path, made: str) -> str:
     """The page: a table for each vessel."""
     lines = [HEAD.format(date=made)]
     for name, vessel in VESSELS.items():
-        if not (folder_of(results, name, 1.0, "as_drawn") / "run.json").exists():
+        if not (folder_of(results, name, 1.0, AS_DRAWN) / "run.json").exists():
             continue
         fields = Fields(name, results)
         if not (rows := list(table(fields))):
@@ -285,7 +287,7 @@ def page(results: Path, made: str) -> str:
             *rows,
             "",
         ]
-    return "\n".join([*lines, *reactor_page(results / "reactor"), TAIL])
+    return "\n".join([*lines, TAIL])
 
 
 def table(fields: Fields) -> Iterator[str]:
@@ -297,79 +299,17 @@ def table(fields: Fields) -> Iterator[str]:
                 continue
             told_by = read_json(folder / "run.json")
             for numbers in subsets(int(told_by["runs"])):
-                found, drawn = (fields.wrong(factor, one, numbers) for one in (walls, WALLS[0]))
+                found, drawn = (fields.wrong(factor, one, numbers) for one in (walls, AS_DRAWN))
                 cells = " | ".join(told(one) for one in found.values())
                 cells = cells or " | ".join(["no field"] * (2 + len(fields.levels)))
-                known = drawn and found and walls != WALLS[0] and len(numbers) == told_by["runs"]
+                known = drawn and found and walls != AS_DRAWN and len(numbers) == told_by["runs"]
                 better = f"{gain(drawn['whole'], found['whole']):+.1f}" if known else ""
-                solid = f"{100 * told_by['in_solid']:.0f} %" if found and walls != WALLS[0] else ""
+                solid = f"{100 * told_by['in_solid']:.0f} %" if found and walls != AS_DRAWN else ""
                 runs = f"{numbers[0] + 1} to {numbers[-1] + 1}" if len(numbers) > 1 else f"{numbers[0] + 1}"
-                shown = walls.replace("_", " ")
-                yield f"| {factor:g} | {told_by['particles']:.0f} | {runs} | {shown} | {cells} | {better} | {solid} |"
+                yield f"| {factor:g} | {told_by['particles']:.0f} | {runs} | {walls} | {cells} | {better} | {solid} |"
 
 
-REACTOR = {2: 0.027, 3: 0.021}
-"""Coarse-grain factor → speed of the plate [m/s], the same for both walls."""
-REACTOR_CELL = 5.9 / 177
-
-
-def reactor_name(factor: int, walls: str) -> str:
-    return f"r{factor}-{'back' if walls == 'set_back' else 'drawn'}-1"
-
-
-def run_reactor(results: Path) -> None:
-    """The test reactor with particles enlarged two and three times."""
-    for factor, speed in reversed(REACTOR.items()):
-        for walls in WALLS:
-            changes = {
-                "name": reactor_name(factor, walls),
-                "dem.coarse_grain_factor": f"{factor}",
-                "dem.walls": walls,
-                "dem.plate_speed": f"{speed}",
-                "dem.max_time": "46" if factor == 2 else "40",
-                "dem.ranks": "1",
-                "homogenize.cell": f"{REACTOR_CELL!r}",
-                "export": "[]",
-                "figures": "[]",
-            }
-            with Console() as console:
-                try:
-                    run_case(read_case(HERE.parent / "cases" / "reactor.yaml", changes), results, console)
-                except (DataError, RunError) as error:
-                    console.note(f"{changes['name']}: {error}")
-
-
-def reactor_page(results: Path) -> Iterator[str]:
-    """The fields of the reactor that there are, and how far they lie apart."""
-    levels = read_case(HERE.parent / "cases" / "reactor.yaml").case.outline.levels
-    found: dict[tuple[int, str], Field] = {}
-    for factor in REACTOR:
-        for walls in WALLS:
-            if (path := results / reactor_name(factor, walls) / "field.npz").exists():
-                found[factor, walls] = Field.load(path)
-    if len(found) < 2:
-        return
-    names = ["whole", *levels]
-    yield REACTOR_HEAD
-    yield "| difference, % | " + " | ".join(names) + " |"
-    yield "|---" * (1 + len(names)) + "|"
-    for one, other in combinations(found, 2):
-        diameter = REACTOR_DIAMETER * max(one[0], other[0])
-        apart = {part.name: part for part in compare(found[one], found[other], levels, diameter)}
-        pair = " and ".join(f"k = {factor} {walls.replace('_', ' ')}" for factor, walls in (one, other))
-        yield f"| {pair} | " + " | ".join(told(apart[name]) for name in names) + " |"
-    for (factor, walls), one_field in found.items():
-        noise = statistical_errors(one_field, levels)
-        yield (
-            f"| noise of k = {factor} {walls.replace('_', ' ')} | "
-            + " | ".join(f"{100 * noise[name]:.1f}" for name in names)
-            + " |"
-        )
-    yield REACTOR_FOUND
-
-
-REACTOR_DIAMETER = 0.0668  # of the material's own particles, Sauter [m]
-REACTOR_HEAD = """\
+HEAD = """\
 ## The test reactor
 
 Made by `benchmarks/set_back.py run --vessels reactor` and `page`. A truth with its own particles is out of reach here,
