@@ -272,8 +272,8 @@ def _guess(case: Case, tolerance: float, own: Path) -> Recommendation:
 def carried_over(model: Plan, case: Case) -> dict[str, str]:
     """What gives a case the settings of another scene's run in its own measures.
 
-    These are the narrowest opening over d90, but never particles smaller than the material's, and the plate speed over
-    the automatic one.
+    These are the narrowest opening over d90, but never particles smaller than the material's, walls set back where they
+    may be, and the plate speed over the automatic one.
 
     Raises
     ------
@@ -293,13 +293,17 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
         "homogenize.method": "psi",
         "homogenize.start": "auto",
         "dem.mass_scaling": model.case.dem.mass_scaling,
-        "dem.walls": "as_drawn",
+        "dem.walls": model.case.dem.walls,
         "dem.coarse_grain_factor": f"{max(1.0, _narrowness(fine) / _narrowness(model)):.4g}",
         "dem.plate_speed": "auto",
         "dem.start_speed": "auto",
         "dem.max_time": "auto",
     }
-    plan = make_plan(varied(case, changes))
+    try:
+        plan = make_plan(varied(case, changes))
+    except CaseError:  # no walls set back in a slab, with an open outlet or with some fields
+        changes["dem.walls"] = "as_drawn"
+        plan = make_plan(varied(case, changes))
     if not plan.dem.open_outlet:
         pace = model.dem.plate_speed / make_plan(varied(model.case, {"dem.plate_speed": "auto"})).dem.plate_speed
         changes["dem.plate_speed"] = f"{pace * plan.dem.plate_speed:.4g}"

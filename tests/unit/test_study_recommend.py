@@ -211,6 +211,16 @@ def test_carried_over_settings_are_equal_in_the_measures_of_both_scenes() -> Non
     assert pace[0] == pytest.approx(pace[1], rel=0.01)
 
 
+def test_walls_are_set_back_as_the_studys_were_where_a_scene_allows_it() -> None:
+    material = {"material__size": "{diameter: 8 mm}", "dem__coarse_grain_factor": "1.5"}
+    model = make_plan(smoke(dem__walls="set_back", **material).case)
+    assert carried_over(model, smoke(**material).case)["dem.walls"] == "set_back"
+    slab = load_case(Path(__file__).parents[2] / "cases" / "slot_hopper.yaml", {"model": "dem"})
+    assert carried_over(model, slab)["dem.walls"] == "as_drawn"
+    drawn = make_plan(smoke(**material).case)
+    assert carried_over(drawn, smoke(**material).case)["dem.walls"] == "as_drawn"
+
+
 def test_every_study_that_granpipe_brings_along_can_be_read() -> None:
     for study in shipped():
         assert read_study(study).options
