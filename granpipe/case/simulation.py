@@ -10,7 +10,7 @@ from granpipe.case.units import LENGTH, SPEED, TIME
 from granpipe.case.values import Group, OneOf, Quantity, SomeOf, Whole, refuse
 
 Outlet = Literal["plate", "open"]
-Walls = Literal["as_drawn", "set_back"]
+Walls = Literal["auto", "as_drawn", "set_back"]
 MassScaling = Literal["auto", "none"]
 Snapshots = Literal["none", "thinned", "all"]
 Method = Literal["psi", "gaussian"]
@@ -43,10 +43,11 @@ class Dem(Group):
         "`size_classes` or `mixing`.",
     )
     walls: Annotated[Walls, OneOf(Walls)] = Field(
-        default="as_drawn",
+        default="auto",
         description="Between which walls enlarged particles are simulated: as drawn, or set back into the solid by "
-        "(`coarse_grain_factor` − 1) times the material's Sauter radius, so that their centres get as near to the "
-        "drawn walls as the material's. The field is that of the vessel as drawn.",
+        "half of (`coarse_grain_factor` − 1) Sauter radii of the material, since their centres stay farther from "
+        "walls than the material's. The field is that of the vessel as drawn. `auto`: set back, but not in a slab, in "
+        "space or in a hybrid, nor with `outlet: open`, nor with `homogenize.fields` that are sums over particles.",
     )
     plate_speed: Annotated[float | Literal["auto"], Quantity(SPEED, above=0, at_most=100, auto=True)] = Field(
         default="auto",

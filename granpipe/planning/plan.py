@@ -460,12 +460,13 @@ class _Scene:
     def _dem(self) -> Plan:
         outline, along_y = self._simulated()
         walls = walls_of(self.case, outline)
-        if walls.decision:
+        back = walls.outline is not outline
+        if back:
             self._narrow(self.openings)  # as drawn, for the material's own particles
         try:
             settings = choose(self.case, _vessel(walls.outline), self.cores)
         except CaseError as error:
-            where = "between walls set back (dem.walls) " if walls.decision else ""
+            where = "between walls set back (dem.walls) " if back else ""
             raise self._with_hint(CaseError(where + error.message, error.key, error.place)) from None
         _check_duration(self.case, settings, self.cores)
         reasons = "; ".join(f"{name}: {need.dem}" for name, need in self.needs.items() if need.dem)
@@ -487,7 +488,7 @@ class _Scene:
         return replace(
             plan,
             outline=outline,
-            set_back=walls.outline if walls.decision else None,
+            set_back=walls.outline if back else None,
             settings=settings,
             decisions=(
                 *settings.decisions,
@@ -638,7 +639,7 @@ class _Scene:
 
     def _submodel(self, span: Span, grid: Grid) -> tuple[Span, Plan]:
         """The plan of a sub-model, on the rows of the whole vessel's grid that it covers."""
-        plan = make_plan(sub_case(self.case, span), self.cores)
+        plan = make_plan(sub_case(varied(self.case, {"dem.walls": "as_drawn"}), span), self.cores)
         rows = _covered(grid.z_edges, span.cut_bottom, span.cut_top)
         columns = _covered(grid.r_edges, plan.outline.r_min, plan.outline.r_max)
         return span, replace(plan, grid=grid.part(rows, columns).of_slice(plan.outline.measure))

@@ -51,13 +51,19 @@ def walls_of(case: Case, outline: Outline) -> Walls:
     factor = case.dem.coarse_grain_factor
     if case.dem.walls == "as_drawn" or factor == 1:
         return Walls(outline, None)
-    _check(case)
     distance = SHARE * (factor - 1) * size_classes(case.material.size).sauter_diameter / 2
+    try:
+        _check(case)
+        found = set_back(outline, distance)
+    except CaseError as error:
+        if case.dem.walls == "set_back":
+            raise
+        return Walls(outline, Decision("walls", "as drawn", f"not set back: {error.message}"))
     criterion = (
         f"{SHARE:g} (k − 1) Sauter radii into the solid, with k = {factor:g}; the field is cut at the walls as drawn"
     )
     warning = "" if factor <= MOST_COMPARED else UNKNOWN
-    return Walls(set_back(outline, distance), Decision("walls", f"back {distance:.3g} m", criterion, warning=warning))
+    return Walls(found, Decision("walls", f"back {distance:.3g} m", criterion, warning=warning))
 
 
 def check_whole(case: Case) -> None:
@@ -82,15 +88,15 @@ def check_dumps(case: Case) -> None:
 
 def _check(case: Case) -> None:
     if case.outline.symmetry == "plane":
-        raise CaseError("set_back is possible in bodies of revolution only; leave it out in a slab", WALLS_KEY)
+        raise CaseError("walls can be set back in bodies of revolution only: in a slab, leave it out", WALLS_KEY)
     if case.dem.outlet == "open":
         raise CaseError(
-            "set_back widens an open outlet, and its discharge with it: set dem.outlet: plate, or leave it out",
+            "walls set back widen an open outlet, and its discharge with it: set dem.outlet: plate, or leave it out",
             WALLS_KEY,
         )
     if others := [name for name in case.homogenize.fields if name not in POSSIBLE_FIELDS]:
         raise CaseError(
-            f"{others[0]} is summed over particles, and between walls that are set back (dem.walls) some of them lie "
-            "in the solid: leave it out, or set dem.walls: as_drawn",
+            f"{others[0]} is summed over particles, and between walls set back some of them lie in the solid: leave it "
+            "out, or set dem.walls: as_drawn",
             ("homogenize", "fields"),
         )

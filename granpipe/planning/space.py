@@ -46,7 +46,7 @@ def check_space(case: Case) -> None:
         raise CaseError("a vessel in space is computed by particles only; leave it out", ("fluid",))
     if case.dem.outlet != "plate":
         raise CaseError("the outlets of a vessel in space have plates; leave it out", ("dem", "outlet"))
-    if case.dem.walls != "as_drawn":
+    if case.dem.walls == "set_back":
         raise CaseError("walls in space stay where they are; leave it out", ("dem", "walls"))
     if case.dem.facets != "auto":
         raise CaseError("the walls of a vessel in space are those of its file; leave it out", ("dem", "facets"))

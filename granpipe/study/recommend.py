@@ -293,17 +293,13 @@ def carried_over(model: Plan, case: Case) -> dict[str, str]:
         "homogenize.method": "psi",
         "homogenize.start": "auto",
         "dem.mass_scaling": model.case.dem.mass_scaling,
-        "dem.walls": model.case.dem.walls,
+        "dem.walls": "as_drawn" if model.set_back is None else "auto",
         "dem.coarse_grain_factor": f"{max(1.0, _narrowness(fine) / _narrowness(model)):.4g}",
         "dem.plate_speed": "auto",
         "dem.start_speed": "auto",
         "dem.max_time": "auto",
     }
-    try:
-        plan = make_plan(varied(case, changes))
-    except CaseError:  # no walls set back in a slab, with an open outlet or with some fields
-        changes["dem.walls"] = "as_drawn"
-        plan = make_plan(varied(case, changes))
+    plan = make_plan(varied(case, changes))
     if not plan.dem.open_outlet:
         pace = model.dem.plate_speed / make_plan(varied(model.case, {"dem.plate_speed": "auto"})).dem.plate_speed
         changes["dem.plate_speed"] = f"{pace * plan.dem.plate_speed:.4g}"

@@ -81,6 +81,7 @@ class EarlierRun:
             "model": "dem",
             "dem.coarse_grain_factor": repr(given.coarse_grain_factor),
             "dem.mass_scaling": given.mass_scaling,
+            "dem.walls": "as_drawn" if self.plan.set_back is None else "set_back",
             "contact.youngs_modulus": repr(dem.youngs_modulus),
             "dem.reservoir_height": repr(0.5 * (dem.feed_bottom + dem.feed_top) - self.plan.outline.z_top),
             "dem.facets": str(given.facets),
@@ -116,6 +117,7 @@ def _bed(plan: Plan) -> list[float]:
         dem.plate_z,
         0.0 if facets == "auto" else float(facets),
         plan.outline.measure.turn,
+        plan.simulated.r_max,
     ]
 
 
@@ -221,8 +223,14 @@ def read_reference(folder: Path, case: Case) -> EarlierRun:
             f"{folder} is a run of another vessel or material ({'; '.join(apart[:3])}{more}); give one of this case",
             place=PLACE,
         )
-    if found.plan.set_back is not None:
-        raise CaseError(f"{folder} is a run with walls set back; give one with dem.walls: as_drawn", place=PLACE)
+    like = {"model": "dem", "dem.coarse_grain_factor": repr(found.plan.case.dem.coarse_grain_factor)}
+    if (found.plan.set_back is None) != (make_plan(varied(case, like)).set_back is None):
+        given = found.plan.case.dem.walls
+        raise CaseError(
+            f"{folder} is a run with dem.walls: {given} and enlarged particles, for which this case has walls of the "
+            f"other kind; set dem.walls: {given} here, too",
+            place=PLACE,
+        )
     return found
 
 

@@ -263,6 +263,7 @@ def test_an_arch_in_a_faster_start_names_the_speed_of_the_start(tiny: Path) -> N
         "outline__sections": "{all: [90, 0]}",
         "material__size": "{diameter: 1 cm}",
         "dem__coarse_grain_factor": "2",
+        "dem__walls": "as_drawn",
         "dem__plate_speed": "0.002",
         "dem__start_speed": "0.0234",
     }

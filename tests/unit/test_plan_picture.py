@@ -41,5 +41,5 @@ def test_a_plan_is_drawn_and_an_unwritable_place_is_said(tiny: Path, tmp_path: P
 def test_walls_that_particles_see_are_drawn_where_they_are_set_back(tiny: Path) -> None:
     back = {"material.size": "{diameter: 1 cm}", "dem.coarse_grain_factor": "2", "dem.walls": "set_back"}
     (wall,) = planned(make_plan(load_case(tiny, back))).set_back
-    assert wall[:, 0] == pytest.approx(0.065)
+    assert wall[:, 0] == pytest.approx(0.0625)
     assert planned(make_plan(load_case(tiny))).set_back == ()

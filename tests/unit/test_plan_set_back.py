@@ -82,6 +82,29 @@ def test_what_cannot_be_right_is_refused(tiny: Path, changes: dict[str, str], ke
     assert refused.value.key[-1] == key
 
 
+def test_walls_are_set_back_unless_the_case_says_otherwise_or_it_cannot_be_right(tiny: Path) -> None:
+    auto = plan_of(tiny, dem__walls="auto")
+    assert auto.set_back is not None
+    assert auto.simulated.r_max == plan_of(tiny).simulated.r_max
+    for changes, why in [
+        ({"dem__outlet": "open"}, "open outlet"),
+        ({"homogenize__fields": "[wall_pressure]"}, "wall_pressure is summed over particles"),
+        (
+            {"material__size": "{diameter: 9 mm}", "outline__obstacles": "{pin: [[0, 4], [0.2, 4], [0.2, 6], [0, 6]]}"},
+            "nothing is left",
+        ),
+    ]:
+        plan = plan_of(tiny, dem__walls="auto", **changes)
+        assert plan.set_back is None
+        (walls,) = (one for one in plan.decisions if one.name == "walls")
+        assert walls.value == "as drawn"
+        assert why in walls.criterion
+    slab = load_case(CASES / "slot_hopper.yaml", {"model": "dem", "dem.coarse_grain_factor": "1.2"})
+    assert make_plan(slab).set_back is None
+    hybrid = make_plan(load_case(CASES / "reactor_hybrid.yaml"))
+    assert all(plan.set_back is None for plan in hybrid.runs)
+
+
 def test_the_materials_own_particles_see_the_walls_as_drawn(tiny: Path) -> None:
     plan = plan_of(tiny, dem__coarse_grain_factor="1")
     assert plan.set_back is None

@@ -214,10 +214,10 @@ def test_carried_over_settings_are_equal_in_the_measures_of_both_scenes() -> Non
 def test_walls_are_set_back_as_the_studys_were_where_a_scene_allows_it() -> None:
     material = {"material__size": "{diameter: 8 mm}", "dem__coarse_grain_factor": "1.5"}
     model = make_plan(smoke(dem__walls="set_back", **material).case)
-    assert carried_over(model, smoke(**material).case)["dem.walls"] == "set_back"
+    assert carried_over(model, smoke(**material).case)["dem.walls"] == "auto"
     slab = load_case(Path(__file__).parents[2] / "cases" / "slot_hopper.yaml", {"model": "dem"})
-    assert carried_over(model, slab)["dem.walls"] == "as_drawn"
-    drawn = make_plan(smoke(**material).case)
+    assert make_plan(varied(slab, carried_over(model, slab))).set_back is None
+    drawn = make_plan(smoke(dem__walls="as_drawn", **material).case)
     assert carried_over(drawn, smoke(**material).case)["dem.walls"] == "as_drawn"
 
 
@@ -267,10 +267,11 @@ def test_a_damaged_study_is_told(tmp_path: Path) -> None:
         recommend(smoke(), tmp_path, 0.11)
 
 
-def test_a_studys_errors_are_those_between_walls_as_drawn(results: Path) -> None:
-    """So are the settings that it recommends, whatever the case says."""
+def test_the_walls_that_are_recommended_are_those_of_the_study_whatever_the_case_says(tmp_path: Path) -> None:
+    (tmp_path / "smoke-study").mkdir()
+    write_study(tmp_path / "smoke-study" / "study.json", options=[OPTIONS[-1]], dem__walls="as_drawn")
     back = smoke(dem__walls="set_back", dem__coarse_grain_factor="1.5")
-    assert recommend(back, results, 0.11).file.case.dem.walls == "as_drawn"
+    assert recommend(back, tmp_path, 0.05).file.case.dem.walls == "as_drawn"
 
 
 @pytest.mark.usefixtures("brought_along")

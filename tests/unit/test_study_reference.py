@@ -139,7 +139,7 @@ def test_another_flow_rate_and_other_numerical_settings_are_no_other_scene(tmp_p
         ({"material.density": "1200"}, r"material\.density is 1200\.0 there"),
         ({"outline.wall": "[[0.075, 0.12], [0.075, 0.08], [0.06, 0.04], [0.06, -0.04]]"},
          r"outline\.wall differs"),
-        ({"dem.walls": "set_back", "dem.coarse_grain_factor": "1.2"}, r"walls set back; give one with dem\.walls"),
+        ({"dem.walls": "as_drawn", "dem.coarse_grain_factor": "1.2"}, r"set dem\.walls: as_drawn here, too"),
         ({"dem.outlet": "open", "dem.plate_speed": "auto"}, r"outlet is open there, plate here"),
     ],
 )  # fmt: skip
