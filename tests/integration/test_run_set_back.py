@@ -46,8 +46,8 @@ def test_particles_lie_between_the_walls_set_back(results: Path) -> None:
     bed = read_snapshot(last, DUMP_COLUMNS)
     r = np.hypot(bed.position[:, 0], bed.position[:, 1])
     assert np.unique(bed.radius) == pytest.approx([0.008])
-    # as near to the drawn wall as the material's, 5 mm, but for soft contacts and flat facets
-    assert r.max() == pytest.approx(0.055, abs=0.0016)
+    # 6.5 mm from the drawn wall, but for soft contacts and flat facets: the mean of 8 mm and the material's 5 mm
+    assert r.max() == pytest.approx(0.0535, abs=0.0016)
 
 
 def test_the_field_is_that_of_the_vessel_as_drawn_with_its_whole_flow(results: Path) -> None:
@@ -61,5 +61,5 @@ def test_the_field_is_that_of_the_vessel_as_drawn_with_its_whole_flow(results: P
 def test_results_tell_how_far_and_how_much_was_left_out(results: Path) -> None:
     told: dict[str, Any] = json.loads((results / "column" / "provenance.json").read_text())
     (gate,) = (one for one in told["quality"] if "drawn solid" in one["name"])
-    assert 0.01 < gate["value"] < 1 - (6 / 6.3) ** 2  # less than the share of the area: spheres are thin at their sides
-    assert "back 0.003 m" in (results / "column" / "plan.json").read_text()
+    assert 0.001 < gate["value"] < 1 - (6 / 6.15) ** 2  # less than the share of the area: spheres are thin at their sides
+    assert "back 0.0015 m" in (results / "column" / "plan.json").read_text()
