@@ -117,7 +117,7 @@ FOUND = """\
 Fluids go by the contact parameters alone (bulk density {density}); *frictional fluid, 6 cm* takes the
 particles for as large as those of runs with that size. The stored field has its noise by section, not by cell.
 Combinations of DEM runs: *mean* is that of all with particles of one size; *extrapolated* is U₁ + (U₁ − U₂) (d₁ − d) /
-(d₂ − d₁) from two between walls as drawn with particles of d₁ < d₂, d the material's, its correction seen through a
+(d₂ − d₁) from two between walls of one kind with particles of d₁ < d₂, d the material's, its correction seen through a
 Gaussian of {smoothed:g} d₁, whose own noise counts as error; *half and half* is the mean of a run and the frictional
 fluid at the material's size; *size by the fluid* is the run, plus the fluid at the material's size, less the fluid at
 the run's. Processor time is that of LIGGGHTS, filling included where the results tell it, or that of the fluid.
@@ -271,8 +271,14 @@ def result(folder: Path, limit: EarlierRun) -> Entry:
         size=radius_text(limit, diameter),
         statistical=record["figures"].get("statistical_error", {}),
         seconds=time_told(planned, record),
-        walls=case.dem.walls if planned["model"] == "dem" else "",
+        walls=walls_told(planned) if planned["model"] == "dem" else "",
     )
+
+
+def walls_told(planned: Mapping[str, Any]) -> str:
+    """Between which walls a DEM run was simulated."""
+    told = {one["name"]: one["value"] for one in planned["dem"]["decisions"]}
+    return "set_back" if told.get("walls", "as drawn") != "as drawn" else "as_drawn"
 
 
 def time_told(planned: Mapping[str, Any], record: Mapping[str, Any]) -> str:
@@ -367,15 +373,13 @@ def combined(limit: EarlierRun, entries: Sequence[Entry]) -> Iterator[Entry]:
         if (own := enlarged[one.size]) is not None:
             moved = mixed([(1.0, one.field), (1.0, fluid), (-1.0, own)])
             yield Entry(f"size by the fluid: {one.name}", moved, one.diameter, one.size)
-    for size in dict.fromkeys(run.size for run in runs):
-        alike = [run for run in runs if run.size == size]
+    for size, walls in dict.fromkeys((run.size, run.walls) for run in runs):
+        alike = [run for run in runs if (run.size, run.walls) == (size, walls)]
         if len(alike) > 1:
             mean = mixed([(1 / len(alike), run.field) for run in alike])
             yield Entry(f"mean: {', '.join(run.name for run in alike)}", mean, alike[0].diameter, size)
-    for one, other in combinations(
-        sorted((run for run in runs if run.walls == "as_drawn"), key=lambda run: run.diameter), 2
-    ):
-        if other.diameter > 1.05 * one.diameter:
+    for one, other in combinations(sorted(runs, key=lambda run: run.diameter), 2):
+        if one.walls == other.walls and other.diameter > 1.05 * one.diameter:
             yield Entry(
                 f"extrapolated: {one.name}, {other.name}",
                 extrapolated(one, other, own_size),

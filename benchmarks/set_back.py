@@ -333,8 +333,8 @@ HEAD = """\
 
 With `dem.coarse_grain_factor` k, particles of radius kr stand for those of radius r. Their centres stay kr away from
 the walls, not r, and openings are narrower for them. By default (`dem.walls: auto`) every wall, and every face of an
-obstacle, is moved by ½ (k − 1) r into the solid for the simulation, r the material's Sauter radius. What particles carry
-in the drawn solid is left out of the field, and the rest of each level raised to all that passes it.
+obstacle, is moved by ½ (k − 1) r into the solid for the simulation, r the material's Sauter radius. What particles
+carry in the drawn solid is left out of the field, and the rest of each level raised to all that passes it.
 
 ## Against the material's own particles
 
@@ -346,14 +346,14 @@ errors; the noise of the truth, common to both, is counted twice, so this is on 
 part of a level's flow that passes it beyond the drawn walls.
 
 **What is known.** Set back by half of (k − 1) r, walls take the error of the flat-bottomed silo from 21.1 to 12.9 %,
-that of the test reactor, enlarged twice, from 13.6 and 14.3 to 9.5 %, 1.5 times from 9.4 to 6.7 % ([the reactor with its
-own particles](reactor_limit.md)), and leave that of the hopper at 11.8 %. Set back *by all of it*, so that centres get as
-near to the drawn walls as the material's, they are worse than by half in all three: 14.4, 10.7 (reactor) and 13.4 %. In
-the reactor the mean of three fields as drawn and one by all of it is 9.6 % wrong: as drawn the throat is too slow along
-its wall, by all of it too fast. With 0.3 and 0.7 of the latter that mean is 10.5 and 9.5 % wrong, so the part need not be
-exact. In the narrow vessel enlarged particles between walls as drawn give no field; by half three of six runs do. The
-truths of `flat` and `hopper` are one run each. The radius r of several sizes is the Sauter radius in all of it; other
-means were not tried. Not known: axis cones, and k above 2.
+that of the test reactor, enlarged twice, from 13.6 and 14.3 to 9.5 %, 1.5 times from 9.4 to 6.7 % ([the reactor with
+its own particles](reactor_limit.md)), and leave that of the hopper at 11.8 %. Set back *by all of it*, so that
+centres get as near to the drawn walls as the material's, they are worse than by half in all three: 14.4, 10.7
+(reactor) and 13.4 %. In the reactor the mean of three fields as drawn and one by all of it is 9.6 % wrong: as drawn
+the throat is too slow along its wall, by all of it too fast. With 0.3 and 0.7 of the latter that mean is 10.5 and 9.5
+% wrong, so the part need not be exact. In the narrow vessel enlarged particles between walls as drawn give no field;
+by half three of six runs do. The truths of `flat` and `hopper` are one run each. The radius r of several sizes is the
+Sauter radius in all of it; other means were not tried. Not known: axis cones, and k above 2.
 """
 TAIL = """\
 ## What was tried before

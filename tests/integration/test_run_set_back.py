@@ -61,5 +61,7 @@ def test_the_field_is_that_of_the_vessel_as_drawn_with_its_whole_flow(results: P
 def test_results_tell_how_far_and_how_much_was_left_out(results: Path) -> None:
     told: dict[str, Any] = json.loads((results / "column" / "provenance.json").read_text())
     (gate,) = (one for one in told["quality"] if "drawn solid" in one["name"])
-    assert 0.001 < gate["value"] < 1 - (6 / 6.15) ** 2  # less than the share of the area: spheres are thin at their sides
+    assert (
+        0.001 < gate["value"] < 1 - (6 / 6.15) ** 2
+    )  # less than the share of the area: spheres are thin at their sides
     assert "back 0.0015 m" in (results / "column" / "plan.json").read_text()
