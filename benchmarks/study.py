@@ -126,8 +126,11 @@ def with_settings(readme: str, report: str) -> str:
     begin, end = README_BLOCK
     before, _, rest = readme.partition(begin)
     _, _, after = rest.partition(end)
-    table = report.partition("### Recommended settings\n")[2].partition("\n### ")[0].strip()
-    return f"{before}{begin}{table}\n{end}{after}"
+    tables = []
+    for title in ("Recommended settings", "Settings by the reference alone"):
+        _, found, text = report.partition(f"### {title}\n")
+        tables += [text.partition("\n### ")[0].strip()] if found else []
+    return before + begin + "\n\n".join(tables) + "\n" + end + after
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import hypot
 from typing import Annotated
 
@@ -56,7 +56,8 @@ class Option:
     cores : how many cores they kept busy
     statistical : section → standard error of the field
     blocks : how many independent blocks that rests on; infinite where there is no noise
-    systematic : section → what is left of the difference from the reference without noise
+    systematic : section → what is left of the difference from the limit without noise
+    from_reference : section → the same, from the reference alone; none where that is of the study itself
     changes : of the case, that make this point; the averaging time among them
     """
 
@@ -69,6 +70,11 @@ class Option:
     blocks: Annotated[float, Field(gt=1)]
     systematic: Mapping[str, ErrorBound]
     changes: Mapping[str, str] = field(default_factory=dict)
+    from_reference: Mapping[str, ErrorBound] = field(default_factory=dict)
+
+    def against_reference(self) -> Option:
+        """The same option, its error against the reference alone."""
+        return replace(self, systematic=self.from_reference)
 
     @property
     def core_seconds(self) -> float:

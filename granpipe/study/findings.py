@@ -421,6 +421,10 @@ class Comparison:
             return _runs(one) == _runs(other)
         return self.earlier.is_of(other.plan if one.axis == REFERENCE else one.plan)
 
+    def _from_earlier(self, field: Field, point: StudyPoint) -> ErrorBounds:
+        """Difference of a field of a point from an earlier run that is the reference; none where it is no such run."""
+        return {} if self.earlier is None else self._difference(self.reference, field, point)
+
     def systematic(self, field: Field, point: StudyPoint) -> ErrorBounds:
         """Difference of a field of a point from the limit, noise taken off.
 
@@ -444,6 +448,7 @@ class Comparison:
                 blocks=np.inf,
                 systematic=self.systematic(point.field, point),
                 changes=dict(point.changes),
+                from_reference=self._from_earlier(point.field, point),
             )
             return
         for method in methods_of(point.finished) if point is self.base else [PSI]:
@@ -464,11 +469,13 @@ class Comparison:
             blocks=earlier.blocks,
             systematic=self.distance,
             changes=earlier.changes,
+            from_reference=self._from_earlier(self.reference.field, self.reference),
         )
 
     def _lengths(self, point: StudyPoint, finished: FinishedRun, method: Method) -> Iterator[Option]:
         """A method on averages of every length; those that are too short for it are left out."""
         systematic: ErrorBounds | None = None
+        from_reference: ErrorBounds = {}
         for end in finished.ends:
             try:
                 average = field_of(finished.plan, finished.until(end), method)
@@ -476,6 +483,7 @@ class Comparison:
                 continue
             if systematic is None:
                 systematic = self.systematic(average.field, point)
+                from_reference = self._from_earlier(average.field, point)
             yield Option(
                 point=point.name,
                 method=str(method),
@@ -486,6 +494,7 @@ class Comparison:
                 blocks=average.blocks,
                 systematic=systematic,
                 changes=dict(point.changes) | {"dem.max_time": f"{end:.4g}"} | method.changes(finished.plan.grid.cell),
+                from_reference=from_reference,
             )
 
     def _travel(self, finished: FinishedRun, end: float) -> float:

@@ -177,9 +177,21 @@ def _distance_text(found: Findings) -> str:
 
 def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None) -> Iterator[Section]:
     """The report, part by part."""
+    compared = None if other is None or not found.rate else (other.case.name, other.particle_steps / found.rate)
     yield _recommended(
-        found, None if other is None or not found.rate else (other.case.name, other.particle_steps / found.rate)
+        "Recommended settings",
+        "The cheapest option whose error is proven (its 95 % bound is below the tolerance), or else estimated.",
+        found.options,
+        compared,
     )
+    if found.earlier is not None:
+        yield _recommended(
+            "Settings by the reference alone",
+            "The same by the difference from the reference as it is, at its plate speed and softness: nothing is "
+            "extrapolated, and what these add is left out.",
+            [option.against_reference() for option in found.options],
+            compared,
+        )
     yield Section(
         "Error against time",
         [
@@ -258,19 +270,19 @@ def _without_result(missing: Sequence[PointStatus]) -> Section:
     return Section("Points without a result", head=("point", "", "why"), rows=rows)
 
 
-def _recommended(found: Findings, other: tuple[str, float] | None) -> Section:
+def _recommended(title: str, text: str, options: Sequence[Option], other: tuple[str, float] | None) -> Section:
     """What to take for each tolerance; `other` is the name of another case and the time that it takes on one core."""
     head = ["total error", "point", "method", "travel", "time × cores", "error", "95 % bound", ""]
     rows = []
     for tolerance in TOLERANCES:
-        advice = advise(found.options, tolerance)
+        advice = advise(options, tolerance)
         row = _advice_row(advice)
         if other is not None:
             row += ("" if advice.option is None else f"× {other[1] / advice.option.core_seconds:.3g}",)
         rows.append(row)
     return Section(
-        "Recommended settings",
-        ["The cheapest option whose error is proven (its 95 % bound is below the tolerance), or else estimated."],
+        title,
+        [text],
         head=tuple(head if other is None else [*head, f"{other[0]} takes"]),
         rows=rows,
     )
