@@ -91,9 +91,8 @@ REACTOR = """\
 This is what `make study-reactor` makes of `cases/reactor.yaml`, copied here by `benchmarks/study.py`; how to read it
 stands in [study.md](study.md). The case has the material's particles, 3 ± 1 cm in radius, enlarged twice; points have
 them enlarged less or not, another plate speed at equal travel, another filling, or are a fluid alone. With particles
-enlarged 2.5 times and more the throat is narrower than five times d90, which granpipe marks. Its beds were at rest at
-0.01 √(g d), now it is 0.02, which fills in 10 to 20 % fewer steps. Errors count from [runs with the material's own
-particles](reactor_limit.md), the mean of two fillings.
+enlarged 2.5 times and more the throat is narrower than five times d90, which granpipe marks. Errors count from [runs
+with the material's own particles](reactor_limit.md), the mean of two fillings.
 """
 
 README_BLOCK = "<!-- by benchmarks/study.py -->\n", "<!-- until here -->"

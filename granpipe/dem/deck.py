@@ -26,7 +26,7 @@ DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
 INSERT_FRACTION = 0.3
 """Packing that random insertion is asked for: 0.35–0.4 is the most it reaches, and a shortfall distorts the sizes."""
 
-REST = 0.02
+REST = 0.01
 """RMS speed of particles in a bed at rest, at most, over √(g d)."""
 
 Ends = tuple[float, float]

@@ -154,7 +154,7 @@ def test_liggghts_is_told_each_placed_particle_as_its_template_has_it(tiny: Path
 
 
 def test_how_a_bed_comes_to_rest_does_not_depend_on_the_plate_so_runs_share_it(tiny: Path) -> None:
-    rest = 0.5 * (0.02 * np.sqrt(9.81 * 2 * deck_with(tiny).classes[0].radius)) ** 2
+    rest = 0.5 * (0.01 * np.sqrt(9.81 * 2 * deck_with(tiny).classes[0].radius)) ** 2
     assert deck_with(tiny).rest_energy == pytest.approx(rest)
     start = {key.replace(".", "__"): value for key, value in FASTER.items()}
     assert deck_with(tiny, **start).rest_energy == pytest.approx(rest)
