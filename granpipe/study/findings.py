@@ -32,7 +32,7 @@ from granpipe.study.fields import PSI, FinishedRun, Method, field_of, methods_of
 from granpipe.study.inputs import INPUT, Input
 from granpipe.study.reference import EarlierRun
 from granpipe.study.scene import Scene
-from granpipe.study.slopes import SAME_SETTING, AxisFit, AxisPoint, AxisSlope, Term, middles, total
+from granpipe.study.slopes import SAME_SETTING, AxisFit, AxisPoint, AxisSlope, Term, middles, same_setting, total
 from granpipe.study.uncertainty import Part, Uncertainty, input_part, numerical_part, statistical_part
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.points import point_case
@@ -307,7 +307,7 @@ class Comparison:
     @property
     def _at_own_size(self) -> bool:
         """Whether an earlier run with the material's own particles is the reference."""
-        return self.earlier is not None and _same(self.reference.diameter, self._limit("coarse_grain_factor"))
+        return self.earlier is not None and same_setting(self.reference.diameter, self._limit("coarse_grain_factor"))
 
     def uncertainty(self, base: Effect) -> dict[str, Uncertainty]:
         """Of the case itself: of the whole field and of every section; none where its field has no error bar."""
@@ -534,7 +534,7 @@ class Comparison:
         """How the field of the finest particles changes with the plate's speed, where two points or more tell."""
         fast = [point for point in self.points if point.axis == FINEST_SPEED and point.setting]
         sizes = [point for point in self.points if point.axis == "coarse_grain_factor" and point.setting]
-        along = fast + [point for point in sizes if fast and _same(point.diameter, fast[0].diameter)]
+        along = fast + [point for point in sizes if fast and same_setting(point.diameter, fast[0].diameter)]
         if len({point.setting["plate_speed"] for point in along}) < 2:
             return None
         return self._slope(FINEST_SPEED, "plate_speed", along)
@@ -619,11 +619,6 @@ def _reference_point(case: Case, earlier: EarlierRun, plan: Plan) -> StudyPoint:
         cores=earlier.cores,
         forecast=None,
     )
-
-
-def _same(one: float, other: float) -> bool:
-    """Whether two settings are the same."""
-    return bool(np.isclose(one, other, rtol=SAME_SETTING, atol=0))
 
 
 def _runs(point: StudyPoint) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +13,11 @@ from granpipe.study.limit import Slope, fit_slope
 
 SAME_SETTING = 1e-6
 """Settings that differ by less, relative, are the same."""
+
+
+def same_setting(one: float, other: float) -> bool:
+    """Whether two settings are the same."""
+    return bool(np.isclose(one, other, rtol=SAME_SETTING, atol=0))
 
 
 @dataclass(frozen=True)
@@ -29,10 +34,6 @@ class Term:
     factor: float
     field: Field
     source: str
-
-    def times(self, factor: float) -> Term:
-        """The same field, counting so many times as much."""
-        return replace(self, factor=factor * self.factor)
 
 
 def total(terms: Iterable[Term], grid: Grid) -> tuple[Array, Array]:
@@ -112,7 +113,7 @@ class AxisSlope:
 
     def change(self, setting: float, other: float) -> list[Term]:
         """Velocity at one setting less that at another, as a sum of fields; none between equal ones."""
-        if np.isclose(setting, other, rtol=SAME_SETTING, atol=0):
+        if same_setting(setting, other):
             return []
         unit = max(point.setting for point in self.points)
         factors = self.slope.between(setting / unit, other / unit)
