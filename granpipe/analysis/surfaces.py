@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, Grid, Mask, cell_vectors
@@ -24,11 +25,16 @@ class SurfaceAngle(NamedTuple):
 
 
 class SurfaceHalves(NamedTuple):
-    """Angles of the inner and the outer half of a free surface, and the radius between them [m]."""
+    """Angles of the inner and the outer half of a free surface, and the radius between them [m].
+
+    `change` is what the field changes by, E of what lies between the levels, if the half that flows less were as steep
+    as the other: of what is between both surfaces, at the speed beneath them.
+    """
 
     inner: SurfaceAngle
     outer: SurfaceAngle
     radius: float
+    change: float
 
     @property
     def apart(self) -> SurfaceAngle:
@@ -82,8 +88,19 @@ def surface_halves(field: Field, z_range: tuple[float, float], diameter: float) 
     if len(r) * field.grid.cell < 2 * LEAST_HALF * diameter:
         return None
     middle = len(r) // 2
-    inner, outer = (_line(r[half], height[half], field.grid.cell, diameter) for half in np.s_[:middle, middle:])
-    return SurfaceHalves(inner, outer, float(0.5 * (r[middle - 1] + r[middle])))
+    parts = np.s_[:middle], np.s_[middle:]
+    inner, outer = (_line(r[half], height[half], field.grid.cell, diameter) for half in parts)
+    columns = np.searchsorted(field.grid.r_edges, r) - 1
+    motion = field.grid.ring_area[columns] * _squared_speed_below(field, columns, height, diameter)
+    slower, faster = sorted(parts, key=lambda half: float(motion[half].sum()))
+    slope, offset = np.polyfit(r[faster], height[faster], 1)
+    # either slope may fall outwards or inwards: a ridge is not bent
+    ways = (slope * (r[slower] - r[middle]), -slope * (r[slower] - r[middle]))
+    apart = min((np.abs(height[slower] - slope * r[middle] - offset - way) for way in ways), key=np.sum)
+    rows = (field.grid.z_centres > z_range[0]) & (field.grid.z_centres < z_range[1])
+    whole = (field.grid.ring_area * np.where(field.bulk, speed(field) ** 2, 0.0))[rows].sum()
+    change = float(np.sqrt((motion[slower] * apart).sum() / field.grid.cell / max(whole, 1e-300)))
+    return SurfaceHalves(inner, outer, float(0.5 * (r[middle - 1] + r[middle])), change)
 
 
 def _uppermost(field: Field, z_range: tuple[float, float]) -> tuple[Array, Array]:
@@ -96,6 +113,14 @@ def _uppermost(field: Field, z_range: tuple[float, float]) -> tuple[Array, Array
     if not len(columns):  # a section of less than two rows of cells has no surface in it
         return np.empty(0), np.empty(0)
     return grid.r_centres[columns], z[:-1][len(free) - 1 - free[::-1, columns].argmax(axis=0)]
+
+
+def _squared_speed_below(field: Field, columns: NDArray[np.int64], height: Array, depth: float) -> Array:
+    """(n,) mean square of the speed [m²/s²] in some columns, between a height (n,) and a depth [m] below it."""
+    z = field.grid.z_centres[:, None]
+    within = (z < height) & (z > height - max(depth, field.grid.cell))
+    squares = np.where(within, speed(field)[:, columns] ** 2, 0.0)
+    return np.asarray(squares.sum(axis=0) / np.maximum(within.sum(axis=0), 1))
 
 
 def _line(r: Array, height: Array, cell: float, diameter: float) -> SurfaceAngle:

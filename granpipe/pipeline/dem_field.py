@@ -198,7 +198,8 @@ def _surface_angles(field: Field, plan: Plan) -> dict[str, dict[str, Any]]:
             found[name] = angle._asdict()
             if (halves := surface_halves(field, (low, top), diameter)) is not None:
                 parts = {"inner": halves.inner, "outer": halves.outer, "apart": halves.apart}
-                found[name] |= {key: part._asdict() for key, part in parts.items()} | {"radius": halves.radius}
+                found[name] |= {key: part._asdict() for key, part in parts.items()}
+                found[name] |= {"radius": halves.radius, "change": halves.change}
     return found
 
 

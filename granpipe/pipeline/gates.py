@@ -215,13 +215,15 @@ ASYMMETRY = Limit(
     remedy="average longer, or keep in mind that the flow is not axisymmetric",
 )
 SURFACE = Limit(
-    "steepness of the two halves of a free surface apart, in degrees",
+    "change of the field if a bent free surface had one slope",
     PARTICLES,
     "The surface of a material at rest has one slope. One that is bent, in a section that turned over less than once, "
-    "is left from the filling. 0 where the halves differ by less than three standard errors, or are shorter than two "
-    "particle diameters. Two ways of filling a corner 7 diameters wide gave the same slope within 0.9°, frictions of "
-    "0.3 and 0.73 differ by 11°; in the test reactor, with a corner of 4.5 diameters, 19 ± 8° are within the noise.",
-    high=10,
+    "may be left from the filling. It counts by what flows between it and a surface as steep as the half that flows "
+    "more: E of the section. 0 where the halves differ by less than three standard errors, or are shorter than two "
+    "particle diameters. In the test reactor the outer half is flatter by 12 to 35° in eighteen runs of five sizes, "
+    "whatever the filling, over solids that hardly move: 0.2 to 0.9 %.",
+    high=0.02,
+    percent=True,
     remedy="average longer, until the section has turned over: dem.max_time",
 )
 UPWARD = Limit(
@@ -417,6 +419,9 @@ NOTES = (TURNOVERS, UNEVEN, TREND, SCATTER, PACKING_APART)
 LEAST_BEND = 3
 """Standard errors below which a bend of a free surface is none for the gate."""
 
+TOLD_BEND = 10
+"""Degrees beyond which the slopes of both halves of a free surface are told."""
+
 LEAST_ASYMMETRY = 4
 """Standard errors below which an asymmetry is none for the gate."""
 
@@ -509,9 +514,9 @@ def asymmetry_gate(off_centre: Mapping[str, Mapping[str, Any]]) -> Gate:
 
 
 def surface_gates(figures: Mapping[str, Any]) -> list[Gate]:
-    """The worst bend, beyond doubt, of the free surfaces that may be left from the filling; none without any."""
+    """What the worst bend, beyond doubt, of the free surfaces that may be left from the filling makes; none without."""
     bends = {
-        f", section {name}": math.degrees(bend["angle"]) if bend["angle"] > LEAST_BEND * bend["error"] else 0.0
+        f", section {name}": surface["change"] if bend["angle"] > LEAST_BEND * bend["error"] else 0.0
         for name, surface in figures.get("surface_angles", {}).items()
         if (bend := surface.get("apart")) and not figures.get("turnovers", {}).get(name, 0.0) >= TURNOVERS.low
     }
@@ -525,8 +530,8 @@ def _amplitudes(off_centre: Mapping[str, Any]) -> Iterator[tuple[str, float, flo
 
 
 def _bend(surface: Mapping[str, Any]) -> str:
-    """The slopes of both halves of a free surface, where they differ by more than the gate allows, sure or not."""
-    if math.degrees(surface.get("apart", {"angle": 0.0})["angle"]) <= SURFACE.high:
+    """The slopes of both halves of a free surface, where they are told apart, sure or not."""
+    if math.degrees(surface.get("apart", {"angle": 0.0})["angle"]) <= TOLD_BEND:
         return ""
     inner, outer = (
         f"{math.degrees(one['angle']):.0f} ± {math.degrees(one['error']):.0f}°"

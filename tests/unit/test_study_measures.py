@@ -88,6 +88,27 @@ def test_a_bent_surface_has_halves_that_differ_beyond_their_errors():
     assert surface_halves(bent, (0.2, 2.0), diameter=0.21) is None  # too short for its particles
 
 
+@pytest.mark.parametrize(("inside", "beyond"), [(4.0, 1.0), (1.0, 1.0)])
+def test_a_bend_counts_by_the_flow_between_it_and_a_surface_of_one_slope(inside, beyond):
+    """34° inside r = 0.4 m, 15° beyond; by far the most flows inside, or beyond, where the area is larger."""
+    steep, flat = (np.tan(np.radians(angle)) for angle in (34, 15))
+    bent = filled_to(
+        1.2 - steep * np.minimum(R, 0.4) - flat * np.maximum(R - 0.4, 0), np.where(R[:1] < 0.4, inside, beyond)
+    )
+    r = np.linspace(0, 0.8, 100_001)
+    speed, height = np.where(r < 0.4, inside, beyond), 1.2 - steep * np.minimum(r, 0.4) - flat * np.maximum(r - 0.4, 0)
+    slower = r > 0.4 if inside > beyond else r < 0.4
+    between = np.where(slower, (steep - flat) * np.abs(r - 0.4), 0.0)
+    expected = np.sqrt((r * speed**2 * between).sum() / (r * speed**2 * (height - 0.2)).sum())
+    assert surface_halves(bent, (0.2, 2.0), diameter=0.1).change == pytest.approx(expected, rel=0.05)
+
+
+def test_a_straight_surface_or_a_ridge_leaves_the_field_as_it_is():
+    slope = np.tan(np.radians(30))
+    for height in (1.2 - slope * R, 1.2 - slope * np.abs(R - 0.4)):
+        assert surface_halves(filled_to(height, 1.0), (0.2, 2.0), diameter=0.1).change < 0.06
+
+
 def test_no_free_surface_or_a_short_one_has_no_angle():
     full, heap = filled_to(3.0), filled_to(1.2 - 0.5 * R)
     assert surface_angle(full, (0.0, 2.0), diameter=0.1) is None
