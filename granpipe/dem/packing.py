@@ -155,6 +155,13 @@ class Bed:
     def __len__(self) -> int:
         return len(self.number)
 
+    def lowest(self, most: int) -> Bed:
+        """The lowest particles, at most so many."""
+        if len(self) <= most:
+            return self
+        kept = np.sort(np.argpartition(self.position[:, 2], most)[:most])
+        return Bed(self.position[kept], self.number[kept])
+
 
 def packable(classes: SizeClasses) -> bool:
     """Whether the sizes are near enough to each other for a packed bed."""

@@ -46,8 +46,22 @@ START_BEVERLOO_SHARE = 0.5
 MOST_START_SHARE = 0.6
 """The same for a start speed of the case: beyond it the run is marked."""
 
+FILLED = 0.9
+"""Particles of the packed bed that a filling begins with, over those of a full vessel at `PACKING`, at most: what is
+missing when it has settled is topped up."""
+
+LOOSE_ROOM = 0.25
+"""Room for a packed bed above the feed, over that of the settled one, at the most: so much it may sink."""
+
 LEAST_CLEARANCE = 5.0
-"""Plate below the outlet in d90, at least; an outlet radius as well when the average begins."""
+"""Plate below the outlet in d90 when the average begins, at least; and an outlet radius below what is not straight."""
+
+LEAST_RESERVOIR = 5.0
+"""Height of the bed above the inlet in d90, at least; and above what is not straight an inlet radius. With an open
+outlet the bed is fast and loose below the feed, and has all of that radius."""
+
+START_CLEARANCE = 2.0
+"""The same before a faster start."""
 
 LEAST_START_GAIN = 1.5
 """Start speed over the final one, at least: less saves nothing."""
@@ -129,6 +143,8 @@ class Vessel:
     openings : every narrowing
     shares : of the flow that passes each opening
     widest : free area of the widest level [m²]
+    straight_inlet, straight_outlet : height below the inlet, and above the outlet, to which the walls are straight and
+        nothing stands between them [m]
     measure : what the section stands for
     plates : speed of the plate in each outlet over the mean speed of the flow through all of them
     rises : height of each outlet over the lowest point
@@ -140,6 +156,8 @@ class Vessel:
     openings: tuple[Opening, ...]
     shares: tuple[float, ...]
     widest: float
+    straight_inlet: float = 0.0
+    straight_outlet: float = 0.0
     measure: Measure = ROUND
     plates: tuple[float, ...] = (1.0,)
     rises: tuple[float, ...] = (0.0,)
@@ -212,6 +230,8 @@ class Settings:
     inlet_speed : of the bed at the inlet [m/s]
     open_outlet : the bed discharges freely
     feed_bottom, feed_top : levels between which particles are inserted [m]
+    bed_top : level up to which a packed bed may reach, which settles [m]
+    placed : particles of that bed, at most
     wall_top : upper end of the reservoir's wall [m]
     plate_z : level of the plate at the start, below an outlet at the vessel's lowest point [m]
     bottom : lower end of the box [m], which has room for a longer run
@@ -238,6 +258,8 @@ class Settings:
     open_outlet: bool
     feed_bottom: float
     feed_top: float
+    bed_top: float
+    placed: int
     wall_top: float
     plate_z: float
     bottom: float
@@ -316,7 +338,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     level = vessel.top + reservoir
     open_outlet = case.dem.outlet == "open"
     least_clearance = 0.0 if open_outlet else LEAST_CLEARANCE * classes.d90
-    averaged_clearance = 0.0 if open_outlet else max(least_clearance, vessel.outlet_radius)
+    averaged_clearance = 0.0 if open_outlet else max(least_clearance, vessel.outlet_radius - vessel.straight_outlet)
     feed = min(reservoir, 8 * classes.largest)
     stress = vessel.bed_stress(
         level, vessel.outlet - averaged_clearance, PACKING * case.material.density, case.contact.wall.friction
@@ -329,6 +351,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     if start is not None and not start_pays(length, speed, classes.sauter_diameter, vessel.most_segments):
         start, length = None, _length(case, vessel, classes, speed, False)
     # the plate sinks further before anything is averaged
+    least_clearance *= START_CLEARANCE / LEAST_CLEARANCE if start is not None else 1.0
     clearance = max(least_clearance, averaged_clearance - min(vessel.plates) * length.start_travel)
     plate_z = vessel.outlet - clearance
     highest = start.most if start else speed
@@ -347,8 +370,10 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         start_segments, start_speed = start.over(length.start_travel - after, segment_time)
         left_out = start_segments + math.ceil(after / (speed * segment_time) - 1e-9)
     deepest = max(p * plate_speed * length.room - up for p, up in zip(vessel.plates, vessel.rises, strict=True))
-    ends = vessel.inlet_area * reservoir + vessel.outlet_area * (clearance + 0.5 * travel)
-    particles = round(PACKING * (vessel.volume + ends) / classes.mean_volume)
+    room = vessel.volume + vessel.inlet_area * reservoir + vessel.outlet_area * clearance
+    full, sunk = (PACKING * volume / classes.mean_volume for volume in (room, 0.5 * vessel.outlet_area * travel))
+    particles = round(full + sunk)
+    bed_top = level + feed / 2 + min(LOOSE_ROOM * room / vessel.inlet_area, 0.5 * (level - plate_z))
     return Settings(
         classes=classes,
         youngs_modulus=youngs,
@@ -363,7 +388,9 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         open_outlet=open_outlet,
         feed_bottom=level - feed / 2,  # half its height is filled when the bed is topped up
         feed_top=level + feed / 2,
-        wall_top=level + feed / 2 + 2 * classes.largest,
+        bed_top=bed_top,
+        placed=round(FILLED * full),
+        wall_top=bed_top + 2 * classes.largest,
         plate_z=plate_z,
         bottom=plate_z - deepest - _below_plate(classes, open_outlet),
         skin=skin,
@@ -478,7 +505,8 @@ def _coarse_graining(case: Case) -> list[Decision]:
 def _reservoir_height(case: Case, vessel: Vessel, classes: SizeClasses) -> float:
     if case.dem.reservoir_height != "auto":
         return float(case.dem.reservoir_height)
-    return max(vessel.inlet_radius, 5 * classes.d90)
+    straight = 0.0 if case.dem.outlet == "open" else vessel.straight_inlet
+    return max(vessel.inlet_radius - straight, LEAST_RESERVOIR * classes.d90)
 
 
 def _check_rest(case: Case) -> None:

@@ -121,6 +121,16 @@ class Outline:
         return 2 * self.outlet_radius if self.measure.axial else float(self.wall[-1, 0] - self.left[-1, 0])
 
     @property
+    def straight_ends(self) -> tuple[float, float]:
+        """Heights below the inlet and above the outlet to which the walls are straight, nothing between them [m]."""
+        obstacles = [polygon[:, 1] for polygon in self.obstacles.values()]
+        down = [self.z_top - float(z.max()) for z in obstacles]
+        up = [float(z.min()) - self.z_bottom for z in obstacles]
+        down += [_straight(wall, self.tolerance) for wall in self.walls]
+        up += [_straight(wall[::-1], self.tolerance) for wall in self.walls]
+        return min(down), min(up)
+
+    @property
     def walls(self) -> tuple[Array, ...]:
         """The outer wall, or the right and the left one of a slab: (n, 2) points each [m]."""
         return (self.wall,) if self.measure.axial else (self.wall, self.left)
@@ -300,6 +310,13 @@ class Outline:
             met = np.sort(radii[spans[:, 0] & (edges.owner == owner), 0])
             solids += [(float(r0), float(r1)) for r0, r1 in met.reshape(-1, 2)]
         return solids
+
+
+def _straight(wall: Array, tolerance: float) -> float:
+    """Length of the vertical piece with which a wall (n, 2) begins [m]."""
+    bent = np.abs(wall[:, 0] - wall[0, 0]) > tolerance
+    last = int(np.argmax(bent)) - 1 if bent.any() else -1
+    return abs(float(wall[last, 1] - wall[0, 1]))
 
 
 def _points(points: Points) -> Array:

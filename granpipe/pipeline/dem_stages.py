@@ -154,6 +154,7 @@ class _Replica:
         part: dict[str, Any] = {"deck": self.fill, "walls": stls, "liggghts": context.versions["liggghts"]}
         # what bed.data has of its own
         part |= {"box": [f"{end:.10g}" for end in self.deck.box], "packing": [LOOSE, LARGEST_OVERLAP]}
+        part["placed"] = plan.dem.placed
         self.settle_key = key_of("settle", _VERSION, part)
         settled, grid = self.store.folder("settle", self.settle_key), plan.deposit_grid
         part = {"deck": produce, "settled": settled.name, "cell": grid.cell, "z": [grid.z_edges[0], grid.z_edges[-1]]}
@@ -221,7 +222,7 @@ class _Replica:
 
 def compose_deck(plan: Plan, walls: Path) -> Deck:
     settings, report = plan.dem, WallRecord.read(walls)
-    pieces = _insertion(plan, report.inward, settings.classes.largest + settings.skin / 2)
+    pieces = _insertion(plan, report.inward, settings.classes.largest + settings.skin / 2, settings.feed_top)
     if plan.space is not None:
         plates = [plate_name(plan.space, one) for one in plan.space.outlets]
         return make_deck(plan.case, settings, pieces, (), report.sides, plates)
@@ -230,39 +231,39 @@ def compose_deck(plan: Plan, walls: Path) -> Deck:
 
 
 def compose_bed(plan: Plan, walls: Path, deck: Deck) -> Bed:
-    """The packed bed up to the feed, wherever particles may be inserted; as close to walls as each size can lie.
+    """Particles for most of the settled bed, packed wherever they may be inserted, as close to walls as each can lie.
 
     In space as close as the largest can: where a size can lie takes long to find there.
     """
     settings, report = plan.dem, WallRecord.read(walls)
     (x0, x1), (y0, y1) = report.sides
-    ends = np.array([x0, y0, settings.plate_z]), np.array([x1, y1, settings.feed_top])
+    ends = np.array([x0, y0, settings.plate_z]), np.array([x1, y1, settings.bed_top])
     radii = settings.classes.radius.tolist()
     if plan.space is not None:
-        pieces = [_insertion(plan, report.inward, radii[-1])] * len(radii)
+        pieces = [_insertion(plan, report.inward, radii[-1], settings.bed_top)] * len(radii)
     else:
-        pieces = [_insertion(plan, report.inward, radius) for radius in radii]
-    return packed_bed(settings.classes, LOOSE, deck.bed_seed, pieces, ends, deck.periodic)
+        pieces = [_insertion(plan, report.inward, radius, settings.bed_top) for radius in radii]
+    return packed_bed(settings.classes, LOOSE, deck.bed_seed, pieces, ends, deck.periodic).lowest(settings.placed)
 
 
-def _insertion(plan: Plan, inward: float, clearance: float) -> Sequence[Frustum | Boxes]:
-    """Where centres of particles may be put that keep so far from walls and plate [m], from the top of the feed down.
+def _insertion(plan: Plan, inward: float, clearance: float, top: float) -> Sequence[Frustum | Boxes]:
+    """Where centres of particles may be put that keep so far from walls and plate [m], from a level [m] down.
 
     `inward` is how far flat facets lie inside the true wall, at most [m].
     """
     settings = plan.dem
     bottom, margin = settings.plate_z + clearance, clearance + inward
     if plan.space is not None:
-        return insertion_boxes(plan.space, settings, bottom, margin)
+        return insertion_boxes(plan.space, settings, bottom, margin, top)
     angle = filling_angle(plan.case.contact.friction, plan.case.contact.rolling_friction)
-    return insertion_frusta(plan.simulated, settings.feed_top, bottom, margin, angle, 2 * settings.classes.smallest)
+    return insertion_frusta(plan.simulated, top, bottom, margin, angle, 2 * settings.classes.smallest)
 
 
-def insertion_boxes(vessel: SpaceVessel, settings: Settings, bottom: float, margin: float) -> list[Boxes]:
-    """Where particles are put into a vessel in space: the feed as one piece, then what lies below it."""
+def insertion_boxes(vessel: SpaceVessel, settings: Settings, bottom: float, margin: float, top: float) -> list[Boxes]:
+    """Where particles are put into a vessel in space, from a level [m] down: the feed as one piece, then the rest."""
     classes = settings.classes
-    found = vessel.insertion(settings.feed_top, bottom, margin, classes.largest, slab_height(classes))
-    feed = Boxes(tuple(block for one in found for block in one.cut(settings.feed_bottom, settings.feed_top).blocks))
+    found = vessel.insertion(top, bottom, margin, classes.largest, slab_height(classes))
+    feed = Boxes(tuple(block for one in found for block in one.cut(settings.feed_bottom, top).blocks))
     bed = [one.cut(bottom, settings.feed_bottom) for one in found]
     return [one for one in (feed, *bed) if one.volume > _LEAST_VOLUME * classes.mean_volume]
 

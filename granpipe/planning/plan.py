@@ -810,6 +810,8 @@ def _vessel(outline: Outline) -> Vessel:
         openings=openings,
         shares=tuple(1.0 if p.required else min(1.0, p.area / float(outline.area(p.z))) for p in openings),
         widest=outline.widest_area(),
+        straight_inlet=outline.straight_ends[0],
+        straight_outlet=outline.straight_ends[1],
         measure=outline.measure,
     )
 

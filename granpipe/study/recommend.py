@@ -23,7 +23,7 @@ from granpipe.geometry.openings import find_openings
 from granpipe.pipeline.gates import BLOCKS
 from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.plan import Plan, make_plan
-from granpipe.study.budget import PLAIN, Option, advise, percent, sure_factor
+from granpipe.study.budget import PLAIN, Advice, Option, advise, percent, sure_factor
 from granpipe.study.folder import study_name
 from granpipe.study.reference import scene
 from granpipe.study.report import FormerStudy, read_study
@@ -120,7 +120,10 @@ class Recommendation:
         sure += f" (not counting {', '.join(self.unknown)}, which the study did not vary)" if self.unknown else ""
         what = "of the finite elements, not of the fluid as a model" if math.isinf(option.blocks) else "of error"
         cores = "one core" if option.cores == 1 else f"{option.cores} cores"
-        return f"{which}: expecting {size} {what}{sure}, in {option.seconds:.3g} s on {cores} of the study's machine"
+        more = "" if option.blocks >= BLOCKS.low else f", or longer: until {BLOCKS.low:g} blocks are independent"
+        return (
+            f"{which}: expecting {size} {what}{sure}, in {option.seconds:.3g} s on {cores} of the study's machine{more}"
+        )
 
     @property
     def _marks(self) -> tuple[str, ...]:
@@ -197,10 +200,14 @@ def shipped() -> Iterator[Path]:
 def _best(
     options: list[Option], tolerance: float, study: Path, allowed: Callable[[Option], bool]
 ) -> tuple[Option, bool]:
-    """The cheapest option within the tolerance that a run would not refuse, and whether its bound is within it."""
-    options = list(options)
-    while (advice := advise(options, tolerance)).option is not None and not allowed(advice.option):
-        options.remove(advice.option)
+    """The cheapest option within the tolerance that a run would not refuse, and whether its bound is within it.
+
+    A run goes on until it has as many blocks as its gate wants: an option of fewer would take longer than it says, so
+    one of them counts only where there is no other.
+    """
+    advice = _cheapest([one for one in options if one.blocks >= BLOCKS.low], tolerance, allowed)
+    if advice.option is None:
+        advice = _cheapest(options, tolerance, allowed)
     if advice.option is None:
         errors = [option.error().value for option in options if option.method != PLAIN]
         best = f"; the best has {percent(min(errors))}" if errors else ""
@@ -210,6 +217,13 @@ def _best(
         )
         raise CaseError(message, place="--total-error")
     return advice.option, advice.proven
+
+
+def _cheapest(options: list[Option], tolerance: float, allowed: Callable[[Option], bool]) -> Advice:
+    options = list(options)
+    while (advice := advise(options, tolerance)).option is not None and not allowed(advice.option):
+        options.remove(advice.option)
+    return advice
 
 
 def _allowed(case: Case, studied: Case, option: Option) -> bool:

@@ -26,6 +26,9 @@ CLOSENESS = 0.985  # of the lattice: an overlap of 1.5 %
 RESTART_BYTES = 20_000
 BOX = np.array([[-1.0, 1.0]] * 3)
 
+HIGHER = 1.15
+"""Height of the lattice over that up to the top of the feed: it has to hold the particles of the packed bed."""
+
 
 def install(folder: Path) -> Path:
     """Make `folder`/liggghts, an executable; returns the folder, to be put first on PATH."""
@@ -79,7 +82,7 @@ class Bed:
     def layers(self, step: int) -> int:
         """How many have entered by then."""
         travel = self.travel(step)
-        return int((self.top - self.floor) / self.rise) + int(travel / self.rise + 1e-9)
+        return int(HIGHER * (self.top - self.floor) / self.rise) + int(travel / self.rise + 1e-9)
 
     def particles(self, step: int) -> np.ndarray:
         """Rows of a snapshot."""

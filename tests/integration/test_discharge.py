@@ -73,15 +73,15 @@ def test_the_rate_is_near_beverloos(silo: tuple[Path, list[str]]) -> None:
 
 
 def test_the_reference_packing_is_the_beds(silo: tuple[Path, list[str]]) -> None:
-    """Beside the axis, two diameters of the outlet above it, nothing is dilated; in the outlet the bed is."""
+    """A diameter of the outlet above it and one of particles beside the walls, where layers make the mean another."""
     field = Field.load(silo[0] / "field.npz")
     assert field.packing_fraction is not None
     grid = field.grid
-    bed = (grid.z_centres > 0.036)[:, None] & (grid.r_centres < 0.03)
+    bed = (grid.z_centres > 0.036)[:, None] & (grid.r_centres < 0.034)
     outlet = (grid.z_centres < 0.0)[:, None] & (grid.r_centres < 0.01)
     solids = field.packing_fraction * grid.cell_volume
     volume = np.broadcast_to(grid.cell_volume, solids.shape)
-    assert field.bulk_packing == pytest.approx(solids[bed].sum() / volume[bed].sum(), rel=0.03)
+    assert field.bulk_packing == pytest.approx(np.median(field.packing_fraction[bed]), rel=0.02)
     assert field.bulk_packing > 1.05 * solids[outlet].sum() / volume[outlet].sum()
 
 

@@ -31,7 +31,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of a slice four particles thick."""
     folder = tmp_path_factory.mktemp("plane")
     changes = SMALL | {
-        "dem.max_time": "0.7 s", "dem.keep_snapshots": "thinned", "homogenize.start": "0.2 s",
+        "dem.max_time": "1.2 s", "dem.keep_snapshots": "thinned", "homogenize.start": "0.2 s",
     }  # fmt: skip
     return run(read_case(CASE, changes), folder)[0].folder
 

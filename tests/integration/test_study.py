@@ -18,8 +18,8 @@ from granpipe.sweep.points import plan_points
 
 SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
 ARGUMENTS = [
-    "study", str(SMOKE), "--axis", "plate_speed", "--hours", "0.0018", "--cores", "2",
-    "--set", "dem.max_time=1.4 s", "--set", "homogenize.start=0.4 s",
+    "study", str(SMOKE), "--axis", "plate_speed", "--hours", "0.0022", "--cores", "2",
+    "--set", "dem.max_time=1.8 s", "--set", "homogenize.start=0.4 s",
 ]  # fmt: skip
 
 
@@ -45,7 +45,7 @@ def test_a_study_runs_its_points_and_tells_error_against_time(tmp_path: Path) ->
         assert 0 < option.statistical["whole"] < 1
         assert option.error().value <= option.error().upper
     whole = max((o for o in options if o.point == "base" and o.method == "psi"), key=lambda o: o.travel)
-    assert whole.travel == pytest.approx(1.0 * 0.026 / 0.15, rel=0.15)  # averaging time × plate speed over the outlet
+    assert whole.travel == pytest.approx(1.4 * 0.026 / 0.15, rel=0.15)  # averaging time × plate speed over the outlet
     with (folder / "points.csv").open(newline="") as file:
         assert {row["point"] for row in csv.DictReader(file)} == points
     page = (folder / "report.html").read_text()
@@ -62,6 +62,6 @@ def test_a_study_runs_its_points_and_tells_error_against_time(tmp_path: Path) ->
     assert "an earlier run, results/smoke-study/points/plate_speed-0_052" in (folder / "report.md").read_text()
 
     case = load_case(SMOKE, dict(text.split("=") for text in ARGUMENTS if "=" in text))
-    root, missing = plan_points(make_study(case, 0.0018, 2, {"plate_speed": []}).sweep(), tmp_path / "results")
+    root, missing = plan_points(make_study(case, 0.0022, 2, {"plate_speed": []}).sweep(), tmp_path / "results")
     assert root.root == folder
     assert not missing

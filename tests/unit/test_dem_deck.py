@@ -153,11 +153,14 @@ def test_liggghts_is_told_each_placed_particle_as_its_template_has_it(tiny: Path
     assert list(map(float, centre)) == pytest.approx([0, 0, 1 / 3], rel=1e-8)
 
 
-def test_how_a_bed_comes_to_rest_does_not_depend_on_the_plate_so_runs_share_it(tiny: Path) -> None:
-    rest = 0.5 * (0.01 * np.sqrt(9.81 * 2 * deck_with(tiny).classes[0].radius)) ** 2
-    assert deck_with(tiny).rest_energy == pytest.approx(rest)
+def test_runs_with_a_faster_start_share_a_bed_that_is_nearly_at_rest_and_the_others_one_at_rest(tiny: Path) -> None:
     start = {key.replace(".", "__"): value for key, value in FASTER.items()}
-    assert deck_with(tiny, **start).rest_energy == pytest.approx(rest)
+    speed = np.sqrt(9.81 * 2 * deck_with(tiny).classes[0].radius)
+    assert deck_with(tiny).rest_energy == pytest.approx(0.5 * (0.01 * speed) ** 2)
+    for plate_speed in ("0.02", "0.01"):
+        deck = deck_with(tiny, **start | {"dem__plate_speed": plate_speed})
+        assert deck.start_segments
+        assert deck.rest_energy == pytest.approx(0.5 * (0.05 * speed) ** 2)
 
 
 def test_a_vessel_without_a_packed_bed_begins_empty(tiny: Path) -> None:

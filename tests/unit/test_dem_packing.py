@@ -106,6 +106,14 @@ def test_sizes_have_their_shares_though_large_ones_keep_farther_from_walls() -> 
     assert shares == pytest.approx(WIDE.mass_share, abs=0.01)
 
 
+def test_the_lowest_particles_of_a_bed_are_kept_in_their_order() -> None:
+    bed = Bed(np.array([[0, 0, 3], [0, 0, 1], [0, 0, 4], [0, 0, 2.0]]), np.array([0, 1, 2, 3]))
+    assert bed.lowest(2).number.tolist() == [1, 3]
+    assert bed.lowest(2).position[:, 2].tolist() == [1, 2]
+    assert bed.lowest(4) is bed
+    assert len(bed.lowest(0)) == 0
+
+
 def test_a_slab_is_filled_between_its_ends_and_its_depth() -> None:
     slab = Frustum(0.0, 0.2, 0.05, 0.05, 0.2, 0.1, Measure(0.1, axial=False), 0.02)
     bed = packed_bed(WIDE, LOOSE, 1, [[slab]] * 3, (np.zeros(3), np.full(3, 0.3)))

@@ -213,3 +213,22 @@ def test_the_test_reactor_of_the_cases_is_as_described():
     assert reactor.volume() == pytest.approx(19, abs=0.1)
     assert reactor.area(reactor.z_bottom) == pytest.approx(4.2, abs=0.01)
     assert reactor.stands_on("ring") == "wall"
+
+
+@pytest.mark.parametrize(
+    ("wall", "obstacles", "ends"),
+    [
+        ([[1, 3], [1, 0]], {}, (3, 3)),
+        ([[1, 3], [0.5, 0]], {}, (0, 0)),
+        ([[1, 3], [1, 1], [0.5, 0.5], [0.5, 0.25], [0.5, 0]], {}, (2, 0.5)),
+        ([[1, 3], [1, 1], [0.5, 1], [0.5, 0]], {}, (2, 1)),  # a ledge
+        ([[1, 3], [1, 0]], {"ring": [[0.7, 1], [1, 1], [1, 1.5], [0.7, 1.5]]}, (1.5, 1)),
+    ],
+)
+def test_the_ends_of_a_vessel_are_straight_up_to_the_first_bend_or_obstacle(wall, obstacles, ends):
+    assert Outline.of(wall, obstacles).straight_ends == pytest.approx(ends)
+
+
+def test_both_walls_of_a_slab_are_straight_at_its_ends():
+    slab = Outline.of([[1, 3], [1, 0]], left=[[0, 3], [0, 2], [0.5, 1], [0.5, 0]], depth=0.1)
+    assert slab.straight_ends == pytest.approx((1, 1))

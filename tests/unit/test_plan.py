@@ -207,17 +207,46 @@ def test_a_faster_start_is_half_of_free_discharge_in_whole_segments_over_a_twelf
     assert plan_of(tiny, dem__start_speed="auto").dem.start_segments == 0  # a third of the height: not a diameter
 
 
-def test_the_plate_of_a_wide_outlet_is_a_radius_below_it_when_the_average_begins(tiny: Path) -> None:
-    """Content over outlet is 30 cm: a twelfth of it is the start's travel, and half a diameter after it."""
-    small = {"material__size": "{diameter: 4 mm}"}
-    plain, faster = (
-        plan_of(tiny, **FASTER | small | {"dem__start_speed": "0.03"}).dem,
-        plan_of(tiny, **small, **FASTER).dem,
-    )
+CONE = {"outline__wall": "[[6.5, 30], [6, 0]]"}
+"""An outlet 6 cm in radius below a slope."""
+
+
+def test_the_plate_is_a_radius_below_a_slope_when_the_average_begins(tiny: Path) -> None:
+    small = FASTER | CONE | {"material__size": "{diameter: 4 mm}"}
+    plain, faster = plan_of(tiny, **small | {"dem__start_speed": "0.03"}).dem, plan_of(tiny, **small).dem
     assert plain.plate_z == pytest.approx(-0.06)
-    assert faster.plate_z == pytest.approx(-0.06 + 0.3 / 12 + 0.002)
-    assert -0.06 - 0.0005 < faster.plate_level(faster.segments_left_out * faster.segment_steps) <= -0.06
-    assert plan_of(tiny, **FASTER).dem.plate_z == pytest.approx(-5 * 0.02)
+    assert faster.length.start_travel > 0.02
+    assert faster.plate_z == pytest.approx(-0.06 + faster.length.start_travel)
+    assert -0.06 - 0.001 < faster.plate_level(faster.segments_left_out * faster.segment_steps) <= -0.06
+    wide = plan_of(tiny, **FASTER | CONE).dem
+    assert wide.plate_z == pytest.approx(-5 * 0.02 + wide.length.start_travel)
+
+
+def test_the_plate_is_five_diameters_below_a_straight_outlet_when_the_average_begins_and_two_before(tiny: Path) -> None:
+    """Content over outlet is 30 cm: a twelfth of it is the start's travel."""
+    small = FASTER | {"material__size": "{diameter: 4 mm}"}
+    plain, faster = plan_of(tiny, **small | {"dem__start_speed": "0.03"}).dem, plan_of(tiny, **small).dem
+    assert plain.plate_z == pytest.approx(-5 * 0.004)
+    assert faster.plate_z == pytest.approx(-2 * 0.004)
+    assert faster.plate_level(faster.segments_left_out * faster.segment_steps) < -5 * 0.004
+
+
+def test_the_reservoir_is_a_radius_above_a_slope_and_five_diameters_above_a_straight_inlet(tiny: Path) -> None:
+    small = {"material__size": "{diameter: 4 mm}", "dem__reservoir_height": "auto"}
+    sloping = plan_of(tiny, **small | {"outline__wall": "[[6.5, 30], [6, 0]]"}).dem
+    straight = plan_of(tiny, **small | {"outline__wall": "[[6, 30], [6, 0]]"}).dem
+    for dem, height in ((sloping, 0.065), (straight, 5 * 0.004)):
+        assert 0.5 * (dem.feed_bottom + dem.feed_top) == pytest.approx(0.3 + height)
+
+
+def test_a_packed_bed_has_most_particles_of_a_full_vessel_and_room_to_settle(tiny: Path) -> None:
+    """A straight pipe of 6 cm: from 2 cm below to 2 cm above the vessel of 30 cm."""
+    small = {"material__size": "{diameter: 4 mm}", "dem__reservoir_height": "auto"}
+    dem = plan_of(tiny, **small, outline__wall="[[6, 30], [6, 0]]").dem
+    full = 0.58 * 0.06**2 * 0.34 / (4 / 3 * 0.002**3)
+    assert dem.placed == pytest.approx(0.9 * full, rel=1e-3)
+    assert dem.bed_top - dem.feed_top == pytest.approx(0.25 * 0.34)
+    assert dem.wall_top > dem.bed_top
 
 
 def test_a_very_slow_plate_starts_in_one_segment_that_is_not_too_long(tiny: Path) -> None:

@@ -140,7 +140,7 @@ def test_models_side_by_side_say_why_there_is_one(case: Case) -> None:
 
 def deck_text(plan: Plan, template: str) -> str:
     assert plan.space is not None
-    boxes = insertion_boxes(plan.space, plan.dem, plan.dem.plate_z + 4e-3, 4e-3)
+    boxes = insertion_boxes(plan.space, plan.dem, plan.dem.plate_z + 4e-3, 4e-3, plan.dem.feed_top)
     sides = (-0.05, 0.05), (-0.02, 0.02)
     return render(make_deck(plan.case, plan.dem, boxes, (), sides, ["plate_left", "plate_right"]), template)
 

@@ -158,7 +158,7 @@ def test_ways_lead_to_side_outlets_and_nothing_is_put_in_below_plates(taps: Plan
     assert levels.space is not None
     assert all(one.gap == pytest.approx(0.032, rel=0.02) for one in taps.space.outlets)
     settings = levels.dem
-    boxes = insertion_boxes(levels.space, settings, settings.plate_z + 4e-3, 4e-3)
+    boxes = insertion_boxes(levels.space, settings, settings.plate_z + 4e-3, 4e-3, settings.feed_top)
     filled = np.array([block for one in boxes for block in one.blocks])
     left, right = filled[filled[:, 1] < 0.048], filled[filled[:, 0] > 0.048]
     assert settings.plate_z + 4e-3 <= left[:, 4].min() < 0

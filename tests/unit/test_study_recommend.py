@@ -93,6 +93,17 @@ def test_the_cheapest_that_is_good_enough_is_taken_with_its_settings(results: Pa
     assert "10.0%" in chosen.expected
 
 
+def test_an_option_of_fewer_blocks_than_a_run_must_have_counts_only_where_there_is_no_other(results: Path) -> None:
+    few, many = (option("base", "psi", time, 0.03, 0.0, {}, blocks=blocks) for time, blocks in ((20, 12), (40, 20)))
+    own_study(results, few, many)
+    chosen = recommend(smoke(), results, 0.05)
+    assert chosen.option.seconds == 40
+    assert "in 40 s on one core of the study's machine\n" in chosen.expected
+    own_study(results, few)
+    chosen = recommend(smoke(), results, 0.05)
+    assert "in 20 s on one core of the study's machine, or longer: until 20 blocks are independent" in chosen.expected
+
+
 def test_a_tighter_tolerance_takes_a_dearer_one_and_never_the_plain_average(results: Path) -> None:
     chosen = recommend(smoke(), results, 0.05)
     assert (chosen.option.point, chosen.option.method) == ("base", "psi")
