@@ -60,7 +60,7 @@ study: ready
 
 # bulk density: what DEM measures in the plug; the fluid needs it. One rank: as many points side by side as cores.
 study-reactor: setup
-	$(VENV)/bin/granpipe study cases/reactor.yaml --hours 5 --set 'dem.max_time=12 s' --set dem.ranks=1 \
+	$(VENV)/bin/granpipe study cases/reactor.yaml --hours 5 --set 'dem.max_time=16 s' --set dem.ranks=1 \
 	    --set contact.youngs_modulus=5e6 --set dem.plate_speed=0.024 \
 	    --set 'material.bulk_density=553 kg/m^3' --against cases/reactor_paper.yaml \
 	    --axis model=fluid --axis coarse_grain_factor=1,1.25,1.5,1.75 --axis plate_speed=0.06 --axis finest_speed \

@@ -411,6 +411,8 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
             speed_choice,
             *([start.decision(start_speed)] if start else []),
             _time_choice(case, length),
+            *([] if open_outlet else [_plate_choice(clearance)]),
+            *([_reservoir_choice(reservoir)] if case.dem.reservoir_height == "auto" else []),
         ),
         plates=vessel.plates,
         rises=vessel.rises,
@@ -518,6 +520,19 @@ def _check_rest(case: Case) -> None:
             "give one of the two",
             key=("contact", "restitution"),
         )
+
+
+def _reservoir_choice(height: float) -> Decision:
+    criterion = f"bed above the inlet: {LEAST_RESERVOIR:g} d90, and an inlet radius above what is not straight"
+    return Decision("reservoir_height", f"{height:.3g} m", criterion)
+
+
+def _plate_choice(clearance: float) -> Decision:
+    criterion = (
+        f"below the outlet; when the average begins at least {LEAST_CLEARANCE:g} d90, and an outlet radius below what "
+        "is not straight"
+    )
+    return Decision("plate", f"{clearance:.3g} m", criterion)
 
 
 def _youngs_modulus(case: Case, stress: BedStress) -> tuple[float, Decision]:
