@@ -26,9 +26,6 @@ DUMP_COLUMNS = ("id", "type", "x", "y", "z", "vx", "vy", "vz", "radius")
 INSERT_FRACTION = 0.3
 """Packing that random insertion is asked for: 0.35–0.4 is the most it reaches, and a shortfall distorts the sizes."""
 
-REST, NEAR_REST = 0.01, 0.05
-"""RMS speed of particles in a bed at rest, at most, over √(g d); and before a faster start, which moves it far more."""
-
 Ends = tuple[float, float]
 
 _MESH_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
@@ -209,7 +206,7 @@ def make_deck(
         chunk_steps=2 * insert_every,
         fill_chunks=500,
         full_gain=2e-3,
-        rest_energy=0.5 * _rest(settings) ** 2 * settings.gravity * classes.sauter_diameter,
+        rest_energy=0.5 * settings.rest_speed**2,
         plate_speed=settings.plate_speed,
         start_speed=settings.start_speed,
         start_segments=settings.start_segments,
@@ -223,10 +220,6 @@ def make_deck(
         wall_contacts=not {"wall_pressure", "stress"}.isdisjoint(case.homogenize.fields),
         pair_contacts="stress" in case.homogenize.fields,
     )
-
-
-def _rest(settings: Settings) -> float:
-    return NEAR_REST if settings.start_segments else REST
 
 
 def bed_lines(deck: Deck, bed: Bed) -> Iterator[str]:

@@ -25,6 +25,7 @@ from granpipe.dem.duration import (
     duration,
     start_pays,
 )
+from granpipe.dem.packing import packable
 from granpipe.dem.sizes import MOST_DENSE, SizeClasses, simulated_classes
 from granpipe.dem.stress import BedStress, bed_stress
 from granpipe.errors import CaseError, KeyPath
@@ -46,6 +47,10 @@ START_BEVERLOO_SHARE = 0.5
 MOST_START_SHARE = 0.6
 """The same for a start speed of the case: beyond it the run is marked."""
 
+REST, NEAR_REST = 0.01, 0.05
+"""RMS speed of particles in a bed at rest, at most, over √(g d); and before a faster start that moves the widest level,
+and so all, at that speed or more."""
+
 FILLED = 0.9
 """Particles of the packed bed that a filling begins with, over those of a full vessel at `PACKING`, at most: what is
 missing when it has settled is topped up."""
@@ -57,8 +62,9 @@ LEAST_CLEARANCE = 5.0
 """Plate below the outlet in d90 when the average begins, at least; and an outlet radius below what is not straight."""
 
 LEAST_RESERVOIR = 5.0
-"""Height of the bed above the inlet in d90, at least; and above what is not straight an inlet radius. With an open
-outlet the bed is fast and loose below the feed, and has all of that radius."""
+"""Height of the bed above the inlet in d90, at least; half an inlet radius, so that the crater of a funnel stays above
+the inlet; and above what is not straight a whole one. With an open outlet the bed is fast and loose below the feed: a
+whole one as well."""
 
 START_CLEARANCE = 2.0
 """The same before a faster start."""
@@ -232,6 +238,7 @@ class Settings:
     feed_bottom, feed_top : levels between which particles are inserted [m]
     bed_top : level up to which a packed bed may reach, which settles [m]
     placed : particles of that bed, at most
+    rest_speed : RMS speed of particles in a settled bed, at most [m/s]
     wall_top : upper end of the reservoir's wall [m]
     plate_z : level of the plate at the start, below an outlet at the vessel's lowest point [m]
     bottom : lower end of the box [m], which has room for a longer run
@@ -260,6 +267,7 @@ class Settings:
     feed_top: float
     bed_top: float
     placed: int
+    rest_speed: float
     wall_top: float
     plate_z: float
     bottom: float
@@ -364,16 +372,20 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))
     per_segment = dumps_per_segment(length.room, step * dump_every, vessel.most_segments)
     segment_time = step * dump_every * per_segment
-    start_segments, left_out, start_speed = 0, 0, speed
+    start_segments, left_out, start_speed, rest = 0, 0, speed, REST
     if start is not None:
         after = AFTER_START * classes.sauter_diameter
         start_segments, start_speed = start.over(length.start_travel - after, segment_time)
+        slowest = start.most * vessel.outlet_area / vessel.widest
+        rest = NEAR_REST if slowest >= NEAR_REST * math.sqrt(gravity * classes.sauter_diameter) else REST
         left_out = start_segments + math.ceil(after / (speed * segment_time) - 1e-9)
     deepest = max(p * plate_speed * length.room - up for p, up in zip(vessel.plates, vessel.rises, strict=True))
     room = vessel.volume + vessel.inlet_area * reservoir + vessel.outlet_area * clearance
     full, sunk = (PACKING * volume / classes.mean_volume for volume in (room, 0.5 * vessel.outlet_area * travel))
     particles = round(full + sunk)
-    bed_top = level + feed / 2 + min(LOOSE_ROOM * room / vessel.inlet_area, 0.5 * (level - plate_z))
+    bed_top = level + feed / 2
+    if packable(classes):
+        bed_top += min(LOOSE_ROOM * room / vessel.inlet_area, 0.5 * (level - plate_z))
     return Settings(
         classes=classes,
         youngs_modulus=youngs,
@@ -390,6 +402,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         feed_top=level + feed / 2,
         bed_top=bed_top,
         placed=round(FILLED * full),
+        rest_speed=rest * math.sqrt(gravity * classes.sauter_diameter),
         wall_top=bed_top + 2 * classes.largest,
         plate_z=plate_z,
         bottom=plate_z - deepest - _below_plate(classes, open_outlet),
@@ -508,7 +521,7 @@ def _reservoir_height(case: Case, vessel: Vessel, classes: SizeClasses) -> float
     if case.dem.reservoir_height != "auto":
         return float(case.dem.reservoir_height)
     straight = 0.0 if case.dem.outlet == "open" else vessel.straight_inlet
-    return max(vessel.inlet_radius - straight, LEAST_RESERVOIR * classes.d90)
+    return max(vessel.inlet_radius - straight, 0.5 * vessel.inlet_radius, LEAST_RESERVOIR * classes.d90)
 
 
 def _check_rest(case: Case) -> None:
@@ -523,7 +536,9 @@ def _check_rest(case: Case) -> None:
 
 
 def _reservoir_choice(height: float) -> Decision:
-    criterion = f"bed above the inlet: {LEAST_RESERVOIR:g} d90, and an inlet radius above what is not straight"
+    criterion = (
+        f"bed above the inlet: {LEAST_RESERVOIR:g} d90, half its radius, and a whole one above what is not straight"
+    )
     return Decision("reservoir_height", f"{height:.3g} m", criterion)
 
 

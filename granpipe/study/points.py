@@ -146,7 +146,6 @@ def _settled(case: Case, basis: Basis) -> Case:
     if basis.youngs_modulus:
         changes |= {
             "contact.youngs_modulus": repr(basis.youngs_modulus),
-            "dem.reservoir_height": repr(basis.reservoir_height),
             "dem.max_time": repr(basis.max_time),
         }
     if basis.plate_speed:

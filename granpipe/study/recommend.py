@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from granpipe.geometry.openings import find_openings
 from granpipe.pipeline.gates import BLOCKS
 from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.plan import Plan, make_plan
-from granpipe.study.budget import PLAIN, Advice, Option, advise, percent, sure_factor
+from granpipe.study.budget import PLAIN, Option, advise, percent, sure_factor
 from granpipe.study.folder import study_name
 from granpipe.study.reference import scene
 from granpipe.study.report import FormerStudy, read_study
@@ -120,10 +120,7 @@ class Recommendation:
         sure += f" (not counting {', '.join(self.unknown)}, which the study did not vary)" if self.unknown else ""
         what = "of the finite elements, not of the fluid as a model" if math.isinf(option.blocks) else "of error"
         cores = "one core" if option.cores == 1 else f"{option.cores} cores"
-        more = "" if option.blocks >= BLOCKS.low else f", or longer: until {BLOCKS.low:g} blocks are independent"
-        return (
-            f"{which}: expecting {size} {what}{sure}, in {option.seconds:.3g} s on {cores} of the study's machine{more}"
-        )
+        return f"{which}: expecting {size} {what}{sure}, in {option.seconds:.3g} s on {cores} of the study's machine"
 
     @property
     def _marks(self) -> tuple[str, ...]:
@@ -202,12 +199,11 @@ def _best(
 ) -> tuple[Option, bool]:
     """The cheapest option within the tolerance that a run would not refuse, and whether its bound is within it.
 
-    A run goes on until it has as many blocks as its gate wants: an option of fewer would take longer than it says, so
-    one of them counts only where there is no other.
+    A run goes on until it has as many blocks as its gate wants: an option of fewer takes longer than the study says.
     """
-    advice = _cheapest([one for one in options if one.blocks >= BLOCKS.low], tolerance, allowed)
-    if advice.option is None:
-        advice = _cheapest(options, tolerance, allowed)
+    options = [_until_done(option) for option in options]
+    while (advice := advise(options, tolerance)).option is not None and not allowed(advice.option):
+        options.remove(advice.option)
     if advice.option is None:
         errors = [option.error().value for option in options if option.method != PLAIN]
         best = f"; the best has {percent(min(errors))}" if errors else ""
@@ -219,11 +215,16 @@ def _best(
     return advice.option, advice.proven
 
 
-def _cheapest(options: list[Option], tolerance: float, allowed: Callable[[Option], bool]) -> Advice:
-    options = list(options)
-    while (advice := advise(options, tolerance)).option is not None and not allowed(advice.option):
-        options.remove(advice.option)
-    return advice
+def _until_done(option: Option) -> Option:
+    """The option with the time of a run, which ends with enough blocks; filling takes no longer then, so it is less."""
+    if _ends_after_a_time(option):
+        return option
+    return replace(option, seconds=option.seconds * max(1.0, BLOCKS.low / option.blocks))
+
+
+def _ends_after_a_time(option: Option) -> bool:
+    """Whether a run of the option has no noise that could end it."""
+    return math.isinf(option.blocks) or option.changes.get("homogenize.method") == "gaussian"
 
 
 def _allowed(case: Case, studied: Case, option: Option) -> bool:
@@ -254,7 +255,7 @@ def _ending(option: Option, tolerance: float, proven: bool) -> dict[str, str]:
     Both are independent, so the noise may be √(tolerance² − systematic²); of a proven option as 95 % bounds, for which
     the run has the least number of blocks that its gate lets pass.
     """
-    if math.isinf(option.blocks) or option.changes.get("homogenize.method") == "gaussian":
+    if _ends_after_a_time(option):
         return {}
     rest = option.systematic["whole"]
     room = math.sqrt(tolerance**2 - (rest.upper if proven else rest.value) ** 2)

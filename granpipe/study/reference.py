@@ -115,6 +115,8 @@ def _bed(plan: Plan) -> list[float]:
         dem.feed_bottom,
         dem.feed_top,
         dem.plate_z,
+        dem.placed,
+        dem.rest_speed,
         0.0 if facets == "auto" else float(facets),
         plan.outline.measure.turn,
         plan.simulated.r_max,

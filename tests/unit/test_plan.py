@@ -231,21 +231,24 @@ def test_the_plate_is_five_diameters_below_a_straight_outlet_when_the_average_be
     assert faster.plate_level(faster.segments_left_out * faster.segment_steps) < -5 * 0.004
 
 
-def test_the_reservoir_is_a_radius_above_a_slope_and_five_diameters_above_a_straight_inlet(tiny: Path) -> None:
+def test_the_reservoir_is_a_radius_above_a_slope_and_half_of_it_or_five_diameters_above_a_straight_inlet(
+    tiny: Path,
+) -> None:
     small = {"material__size": "{diameter: 4 mm}", "dem__reservoir_height": "auto"}
     sloping = plan_of(tiny, **small | {"outline__wall": "[[6.5, 30], [6, 0]]"}).dem
     straight = plan_of(tiny, **small | {"outline__wall": "[[6, 30], [6, 0]]"}).dem
-    for dem, height in ((sloping, 0.065), (straight, 5 * 0.004)):
+    large = plan_of(tiny, **FASTER | {"dem__reservoir_height": "auto"}).dem  # in the same pipe, of 2 cm
+    for dem, height in ((sloping, 0.065), (straight, 0.03), (large, 5 * 0.02)):
         assert 0.5 * (dem.feed_bottom + dem.feed_top) == pytest.approx(0.3 + height)
 
 
 def test_a_packed_bed_has_most_particles_of_a_full_vessel_and_room_to_settle(tiny: Path) -> None:
-    """A straight pipe of 6 cm: from 2 cm below to 2 cm above the vessel of 30 cm."""
+    """A straight pipe of 6 cm: from 2 cm below to 3 cm above the vessel of 30 cm."""
     small = {"material__size": "{diameter: 4 mm}", "dem__reservoir_height": "auto"}
     dem = plan_of(tiny, **small, outline__wall="[[6, 30], [6, 0]]").dem
-    full = 0.58 * 0.06**2 * 0.34 / (4 / 3 * 0.002**3)
+    full = 0.58 * 0.06**2 * 0.35 / (4 / 3 * 0.002**3)
     assert dem.placed == pytest.approx(0.9 * full, rel=1e-3)
-    assert dem.bed_top - dem.feed_top == pytest.approx(0.25 * 0.34)
+    assert dem.bed_top - dem.feed_top == pytest.approx(0.25 * 0.35)
     assert dem.wall_top > dem.bed_top
 
 
