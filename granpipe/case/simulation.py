@@ -84,7 +84,9 @@ class Dem(Group):
         default="plate", description="The bed rests on a plate that moves down, or discharges freely."
     )
     reservoir_height: Annotated[float | Literal["auto"], Quantity(LENGTH, above=0, at_most=1000, auto=True)] = Field(
-        default="auto", description="Height of the auxiliary reservoir above the inlet."
+        default="auto",
+        description="Height of the bed above the inlet. `auto`: five d90, half an inlet radius, and a whole one above "
+        "what is not straight or with an open outlet.",
     )
     facets: Annotated[int | Literal["auto"], Whole(8, 240, auto=True)] = Field(
         default="auto",
