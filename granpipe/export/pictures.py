@@ -5,6 +5,7 @@ No window and no X server: figures are made with matplotlib's Agg canvas, the ve
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -116,7 +117,8 @@ def vessel_figure(
     colours = {f"vertical velocity [{unit}]": (w, "viridis", _downward(w, 98))}  # the feed falls much faster
     if np.ptp(size) > 0:
         colours["particle radius [mm]"] = (size, "cividis", (float(size.min()), float(size.max())))
-    images, extent = _rendered(stl_paths, cut, position[behind], radius[behind], list(colours.values()))
+    top = math.inf if z_range is None else z_range[1]
+    images, extent = _rendered(stl_paths, cut, top, position[behind], radius[behind], list(colours.values()))
     with own_style(STYLE):
         _vessel_panels(images, extent, colours, z_range).savefig(path, dpi=DPI)
 
@@ -552,11 +554,14 @@ def _key(axis: Axes) -> None:
 def _rendered(
     stl_paths: Sequence[Path],
     cut: float,
+    top: float,
     position: Array,
     radius: Array,
     colours: Sequence[tuple[Array, str, tuple[float, float]]],
 ) -> tuple[list[Any], tuple[float, float, float, float]]:
     """One image of the open vessel per colouring, by parallel projection; and its extent in the plane of the cut.
+
+    What is above the vessel's top [m] and the particles, empty room that a packed bed has left, is cut away.
 
     The extent is (x, x, z, z) [m] of points with y = 0: the elevated eye sees their z shortened by its cosine.
     """
@@ -569,6 +574,9 @@ def _rendered(
     balls = cloud.glyph(scale="radius", orient=False, geom=ball)
     floor = float((position[:, 2] - radius).min())
     surfaces = {path.stem: _surface(path, cut, position, radius) for path in stl_paths}
+    highest = max(top, float((position[:, 2] + 2 * radius).max()))
+    if math.isfinite(top):
+        surfaces = {name: one.clip(normal=(0, 0, 1), origin=(0, 0, highest)) for name, one in surfaces.items()}
     extent = _extent([surface.bounds for surface in surfaces.values()], floor)
     with _quiet_vtk():
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=_pixels(extent))
