@@ -99,6 +99,7 @@ radius = random.uniform(0.02, 0.04, len(position))
 velocity = np.zeros_like(position)
 velocity[:, 2] = -0.01 * (1 - position[:, 0])
 vessel_figure(sorted(folder.glob("*.stl")), position, radius, velocity, folder / "vessel.png", 0.5, (0.2, 1.5))
+vessel_figure(sorted(folder.glob("*.stl")), position, radius, velocity, folder / "whole.png", 0.5, (0.2, 2.0))
 """
 
 
@@ -112,7 +113,9 @@ def test_vessel_and_particles_are_drawn_without_an_x_server(tmp_path: Path) -> N
     picture = pixels(tmp_path / "vessel.png")
     assert picture.std() > 0.1
     height = len(picture)
-    filled, empty = picture[int(0.6 * height) : int(0.85 * height)], picture[int(0.25 * height) : int(0.4 * height)]
+    filled, empty = picture[int(0.6 * height) : int(0.85 * height)], picture[int(0.2 * height) : int(0.3 * height)]
     assert coloured(filled).mean() > 0.3  # particles in the lower half
     assert coloured(empty).mean() < 0.02  # the open vessel above them is grey
     assert (empty.min(axis=-1) < 0.9).mean() > 0.2
+    wide, tall = (np.divide(*pixels(tmp_path / f"{name}.png").shape[:2]) for name in ("vessel", "whole"))
+    assert wide < 0.9 * tall  # a quarter of the tube, above inlet and particles, is cut away
