@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granpipe.errors import DataError
 from granpipe.field import Array, Field, Grid, Mask, cell_vectors
@@ -90,17 +89,23 @@ def surface_halves(field: Field, z_range: tuple[float, float], diameter: float) 
     middle = len(r) // 2
     parts = np.s_[:middle], np.s_[middle:]
     inner, outer = (_line(r[half], height[half], field.grid.cell, diameter) for half in parts)
-    columns = np.searchsorted(field.grid.r_edges, r) - 1
-    motion = field.grid.ring_area[columns] * _squared_speed_below(field, columns, height, diameter)
-    slower, faster = sorted(parts, key=lambda half: float(motion[half].sum()))
+    change = _change_by_bend(field, z_range, r, height, diameter)
+    return SurfaceHalves(inner, outer, float(0.5 * (r[middle - 1] + r[middle])), change)
+
+
+def _change_by_bend(field: Field, z_range: tuple[float, float], r: Array, height: Array, diameter: float) -> float:
+    """`change` of the halves of a surface through points r, height (n,) [m]."""
+    middle, grid, squares = len(r) // 2, field.grid, speed(field) ** 2
+    columns = np.searchsorted(grid.r_edges, r) - 1
+    motion = grid.ring_area[columns] * _mean_below(squares[:, columns], grid, height, diameter)
+    slower, faster = sorted((np.s_[:middle], np.s_[middle:]), key=lambda half: float(motion[half].sum()))
     slope, offset = np.polyfit(r[faster], height[faster], 1)
     # either slope may fall outwards or inwards: a ridge is not bent
     ways = (slope * (r[slower] - r[middle]), -slope * (r[slower] - r[middle]))
     apart = min((np.abs(height[slower] - slope * r[middle] - offset - way) for way in ways), key=np.sum)
-    rows = (field.grid.z_centres > z_range[0]) & (field.grid.z_centres < z_range[1])
-    whole = (field.grid.ring_area * np.where(field.bulk, speed(field) ** 2, 0.0))[rows].sum()
-    change = float(np.sqrt((motion[slower] * apart).sum() / field.grid.cell / max(whole, 1e-300)))
-    return SurfaceHalves(inner, outer, float(0.5 * (r[middle - 1] + r[middle])), change)
+    rows = (grid.z_centres > z_range[0]) & (grid.z_centres < z_range[1])
+    whole = (grid.ring_area * np.where(field.bulk, squares, 0.0))[rows].sum()
+    return float(np.sqrt((motion[slower] * apart).sum() / grid.cell / max(whole, 1e-300)))
 
 
 def _uppermost(field: Field, z_range: tuple[float, float]) -> tuple[Array, Array]:
@@ -115,12 +120,11 @@ def _uppermost(field: Field, z_range: tuple[float, float]) -> tuple[Array, Array
     return grid.r_centres[columns], z[:-1][len(free) - 1 - free[::-1, columns].argmax(axis=0)]
 
 
-def _squared_speed_below(field: Field, columns: NDArray[np.int64], height: Array, depth: float) -> Array:
-    """(n,) mean square of the speed [m²/s²] in some columns, between a height (n,) and a depth [m] below it."""
-    z = field.grid.z_centres[:, None]
-    within = (z < height) & (z > height - max(depth, field.grid.cell))
-    squares = np.where(within, speed(field)[:, columns] ** 2, 0.0)
-    return np.asarray(squares.sum(axis=0) / np.maximum(within.sum(axis=0), 1))
+def _mean_below(values: Array, grid: Grid, height: Array, depth: float) -> Array:
+    """(n,) mean of values (nz, n) in columns, between a height (n,) and a depth [m] below it."""
+    z = grid.z_centres[:, None]
+    within = (z < height) & (z > height - max(depth, grid.cell))
+    return np.asarray(np.where(within, values, 0.0).sum(axis=0) / np.maximum(within.sum(axis=0), 1))
 
 
 def _line(r: Array, height: Array, cell: float, diameter: float) -> SurfaceAngle:

@@ -61,13 +61,13 @@ LOOSE_ROOM = 0.25
 LEAST_CLEARANCE = 5.0
 """Plate below the outlet in d90 when the average begins, at least; and an outlet radius below what is not straight."""
 
+START_CLEARANCE = 2.0
+"""The same before a faster start."""
+
 LEAST_RESERVOIR = 5.0
 """Height of the bed above the inlet in d90, at least; half an inlet radius, so that the crater of a funnel stays above
 the inlet; and above what is not straight a whole one. With an open outlet the bed is fast and loose below the feed: a
 whole one as well."""
-
-START_CLEARANCE = 2.0
-"""The same before a faster start."""
 
 LEAST_START_GAIN = 1.5
 """Start speed over the final one, at least: less saves nothing."""
@@ -359,8 +359,8 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     if start is not None and not start_pays(length, speed, classes.sauter_diameter, vessel.most_segments):
         start, length = None, _length(case, vessel, classes, speed, False)
     # the plate sinks further before anything is averaged
-    least_clearance *= START_CLEARANCE / LEAST_CLEARANCE if start is not None else 1.0
-    clearance = max(least_clearance, averaged_clearance - min(vessel.plates) * length.start_travel)
+    nearest = least_clearance if start is None else START_CLEARANCE * classes.d90
+    clearance = max(nearest, averaged_clearance - min(vessel.plates) * length.start_travel)
     plate_z = vessel.outlet - clearance
     highest = start.most if start else speed
     gravity = contact.GRAVITY / classes.mass_factor  # so that the bed weighs the same
@@ -372,12 +372,13 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     dump_every = max(1, round(SNAPSHOT_TRAVEL * classes.sauter_diameter / (speed * step)))
     per_segment = dumps_per_segment(length.room, step * dump_every, vessel.most_segments)
     segment_time = step * dump_every * per_segment
-    start_segments, left_out, start_speed, rest = 0, 0, speed, REST
+    start_segments, left_out, start_speed = 0, 0, speed
+    grain_speed, rest = math.sqrt(gravity * classes.sauter_diameter), REST
     if start is not None:
         after = AFTER_START * classes.sauter_diameter
         start_segments, start_speed = start.over(length.start_travel - after, segment_time)
         slowest = start.most * vessel.outlet_area / vessel.widest
-        rest = NEAR_REST if slowest >= NEAR_REST * math.sqrt(gravity * classes.sauter_diameter) else REST
+        rest = NEAR_REST if slowest >= NEAR_REST * grain_speed else REST
         left_out = start_segments + math.ceil(after / (speed * segment_time) - 1e-9)
     deepest = max(p * plate_speed * length.room - up for p, up in zip(vessel.plates, vessel.rises, strict=True))
     room = vessel.volume + vessel.inlet_area * reservoir + vessel.outlet_area * clearance
@@ -402,7 +403,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         feed_top=level + feed / 2,
         bed_top=bed_top,
         placed=round(FILLED * full),
-        rest_speed=rest * math.sqrt(gravity * classes.sauter_diameter),
+        rest_speed=rest * grain_speed,
         wall_top=bed_top + 2 * classes.largest,
         plate_z=plate_z,
         bottom=plate_z - deepest - _below_plate(classes, open_outlet),

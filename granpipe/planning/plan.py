@@ -804,14 +804,15 @@ def _depth_gap(outline: Outline) -> Opening:
 def _vessel(outline: Outline) -> Vessel:
     openings = find_openings(outline)
     axial = outline.measure.axial
+    straight_inlet, straight_outlet = outline.straight_ends
     return Vessel(
         wall=tuple((float(r), float(z)) for r, z in outline.wall) if axial else tuple(_widths(outline)),
         volume=outline.volume(),
         openings=openings,
         shares=tuple(1.0 if p.required else min(1.0, p.area / float(outline.area(p.z))) for p in openings),
         widest=outline.widest_area(),
-        straight_inlet=outline.straight_ends[0],
-        straight_outlet=outline.straight_ends[1],
+        straight_inlet=straight_inlet,
+        straight_outlet=straight_outlet,
         measure=outline.measure,
     )
 
