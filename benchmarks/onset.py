@@ -1,4 +1,4 @@
-"""Where an average begins: the rule of `homogenize.statistics.onset` beside MSER-5 and half of the run.
+"""Where an average begins: the rule of `homogenize.statistics.onset` beside MSER-5, others of before, and half of the run.
 
 `synthetic`: correlated series with a transient, whose mean is known. `stored STORE/PRODUCTION …`: runs of one vessel in
 other fillings, more and more of each of them; what the others say late in their runs stands for the truth.
@@ -24,8 +24,10 @@ from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.statistics import LEAST_BLOCKS, effective_samples, onset, standard_error
 from granpipe.pipeline import averages
 from granpipe.pipeline.averages import (
+    _BURST_SHARE,
     AveragedField,
     _net_storage,
+    _products,
     _steady_start,
     averaged_field,
     steady_segments,
@@ -67,11 +69,24 @@ def mser5(*series: Array) -> int:
     return int(np.argmin(spread)) * 5
 
 
+def least_error(*series: Array) -> int:
+    """The rule in use on series that are steady only together: each over its own scatter in the second half."""
+    scaled = []
+    for one in series:
+        columns = one.reshape(len(one), -1)
+        late = columns[len(columns) // 2 :].std(axis=0)
+        scaled.append(columns[:, late > 0] / (late[late > 0] * np.sqrt(max((late > 0).sum(), 1))))
+    values = np.concatenate(scaled, axis=1)
+    values = values - values.mean(axis=0)
+    return onset(values @ values.T)
+
+
 RULES: dict[str, Callable[..., int]] = {
     "half": lambda *series: len(series[0]) // 2,
     "MSER-5": mser5,
-    "granpipe": onset,
+    "granpipe": least_error,
 }
+SERIES = "by level flows, mass, kinetic energy"
 
 
 def main() -> None:
@@ -145,8 +160,12 @@ class _Run:
         whole = merge(self.segments[:count])
         each = len(whole.time) // count
         begun = _steady_start(self.segments[:count])
-        found = {name: -(-rule(whole.level_flow, whole.solids, whole.kinetic) // each) for name, rule in RULES.items()}
-        return found | {"and the filling": next(i for i, one in enumerate(self.segments) if one.start >= begun - 1e-9)}
+        of_series = {"half": RULES["half"], "MSER-5": mser5, SERIES: least_error}
+        found = {
+            name: -(-rule(whole.level_flow, whole.solids, whole.kinetic) // each) for name, rule in of_series.items()
+        }
+        found["granpipe, onset alone"] = onset(_products(self.segments[:count]))
+        return found | {"granpipe": next(i for i, one in enumerate(self.segments) if one.start >= begun - 1e-9)}
 
 
 def flows(sums: Sums) -> Array:
@@ -188,6 +207,16 @@ def former_start(segments: list[Sums]) -> float:
     return segments[min(first, key=lambda i: float(net[i]))].start
 
 
+def start_by_series(segments: list[Sums]) -> float:
+    """Where averaging began [s]: at the onset of level flows, mass and kinetic energy, or an eighth of the rest later."""
+    whole = merge(segments)
+    begun = float(whole.time[least_error(whole.level_flow, whole.solids, whole.kinetic)])
+    latest = begun + _BURST_SHARE * (segments[-1].stop - begun)
+    first = [i for i, one in enumerate(segments) if begun - one.duration < one.start <= latest] or [0]
+    net = _net_storage(segments)
+    return segments[min(first, key=lambda i: float(net[i]))].start
+
+
 def fields(folders: Sequence[Path], samples: Sequence[int]) -> Iterator[list[str]]:
     """Rows: segments, start; share left out, claimed error, scatter of the final fields between the runs, over what the
     errors of all faces claim, and the 95 % intervals that hold the others' mean.
@@ -215,7 +244,7 @@ def fields(folders: Sequence[Path], samples: Sequence[int]) -> Iterator[list[str
                    f"{np.sqrt(scatter.sum() / size):.1%}", f"{ratio:.2f}", f"{np.mean(held):.0%}"]  # fmt: skip
 
 
-STARTS = {"MSER-5, in half of the run": former_start, "granpipe": _steady_start}
+STARTS = {"MSER-5, in half of the run": former_start, SERIES: start_by_series, "granpipe": _steady_start}
 
 
 def ends(folders: Sequence[Path]) -> Iterator[list[str]]:

@@ -26,42 +26,34 @@ _LEAST_WINDOW = 8
 _MOST_CORRELATED = 1 / 3  # of the samples, as a correlation time: longer ones cannot be told from a trend
 
 
-def onset(*series: Array) -> int:
+def onset(products: Array) -> int:
     """Number of samples to leave out at the beginning, at most half of them, for the least mean squared error.
 
     Of all truncations t, the one with the least estimated squared error of the remaining mean, bias² + variance
     (Pasupathy & Schmeiser 2010), where neighbouring samples are correlated: the variance of a mean of n samples is
     γ₀ τ/n, with γ₀ and τ those of the second half of the run. The bias is told by the difference from the mean of that
     half. Without a transient the variance of the difference is the difference of the variances (Hausman 1978); what
-    exceeds it counts as bias². Errors of several series are summed, each over its own variance in the
-    second half, so that none is steady before all are; the columns of one series count together as one.
+    exceeds it counts as bias².
 
     Parameters
     ----------
-    series : (n,) or (n, k) each, of the same n samples: row flows, mass, kinetic energy
+    products : (n, n) products of the n samples with each other, x @ x.T for samples x (n, m) that are scaled as they
+        count in the error
     """
-    scaled = np.concatenate([_scaled_by_late(np.asarray(one, dtype=float)) for one in series], axis=1)
-    count, half = len(scaled), len(scaled) // 2
-    if half < 2 or not scaled.size:
+    count, half = len(products), len(products) // 2
+    if half < 2:
         return 0
-    late = scaled[half:]
-    time = len(late) / effective_samples(late, np.zeros(len(late), dtype=int))
+    late = _centred(products[half:, half:])
+    time = len(late) / _effective(late, np.zeros(len(late), dtype=int))
     # the samples' own mean takes the share τ/n of their variance with it
-    long_run = time * late.var(axis=0).sum() / (1 - time / len(late))
+    long_run = time * np.trace(late) / len(late) / (1 - time / len(late))
     left = np.arange(count, 0, -1)[: half + 1]
-    means = np.cumsum(scaled[::-1], axis=0)[::-1][: half + 1] / left[:, None]
-    apart = ((means - means[half]) ** 2).sum(axis=1)
+    sums = products[::-1, ::-1].cumsum(axis=0).cumsum(axis=1)[::-1, ::-1][: half + 1, : half + 1]
+    means = sums / left[:, None] / left  # products of the means of what is left
+    apart = means.diagonal() - 2 * means[half] + means[half, half]
     variance = long_run / left
     bias = np.maximum(apart - (variance[half] - variance), 0.0)  # squared
     return int(np.argmin(bias + variance))
-
-
-def _scaled_by_late(series: Array) -> Array:
-    """(n, k) columns that vary in the second half, by their standard deviation there; their variances add up to 1."""
-    columns = series.reshape(len(series), -1)
-    late = columns[len(columns) // 2 :].std(axis=0)
-    varies = late > 0
-    return np.asarray(columns[:, varies] / (late[varies] * np.sqrt(max(varies.sum(), 1))))
 
 
 def blocks(segments: Sequence[Sums], least: int = LEAST_BLOCKS) -> list[Sums]:
@@ -100,9 +92,19 @@ def effective_samples(values: Array, run: NDArray[np.int64]) -> float:
     values : (n, m) samples of m quantities, scaled as they shall count, in the order of run and time
     run : (n,) which run each sample is of; runs are independent
     """
-    count = len(values)
     deviation = values - values.mean(axis=0)
-    products = deviation @ deviation.T
+    return _effective(deviation @ deviation.T, run)
+
+
+def _centred(products: Array) -> Array:
+    """Products of samples with each other, of what they differ from their mean by."""
+    means = products.mean(axis=0)
+    return np.asarray(products - means - means[:, None] + means.mean())
+
+
+def _effective(products: Array, run: NDArray[np.int64]) -> float:
+    """The same by the products (n, n) of the samples' deviations from their mean."""
+    count = len(products)
     same = run[:, None] == run
     lagged = [np.diagonal(products, lag)[np.diagonal(same, lag)] for lag in range(count // 2)]
     covariance = np.array([pairs.mean() for pairs in lagged if pairs.size])

@@ -169,12 +169,29 @@ def _steady_start(segments: list[Sums]) -> float:
     Flow above an obstacle comes in bursts. Of the segments from the onset on, within a small share of what is left, the
     one is taken from which on the filling changes least to the end, so that the average holds bursts and rests alike.
     """
-    whole = merge(segments)
-    begun = float(whole.time[onset(whole.level_flow, whole.solids, whole.kinetic)])
+    begun = segments[onset(_products(segments))].start
     latest = begun + _BURST_SHARE * (segments[-1].stop - begun)
     first = [i for i, segment in enumerate(segments) if begun - segment.duration < segment.start <= latest] or [0]
     net = _net_storage(segments)
     return segments[min(first, key=lambda i: float(net[i]))].start
+
+
+def _products(segments: list[Sums]) -> Array:
+    """(n, n) products of the segments' mean fluxes with each other, area by area, as they count in a field's error."""
+    grid = segments[0].grid
+    products = _of_differences([sums.mean_flux[0] for sums in segments], grid.side_area)
+    products += _of_differences([sums.mean_flux[1] for sums in segments], grid.ring_area)
+    if isinstance(grid, Box):
+        along_y = [sums.mean_flux_y for sums in segments]
+        products += _of_differences([flux for flux in along_y if flux is not None], grid.front_area)
+    return products
+
+
+def _of_differences(fluxes: list[Array], area: Array | float) -> Array:
+    """(n, n) products with each other of what fluxes differ from their mean by; so rounding does not count."""
+    scaled = np.array([(flux * np.sqrt(area)).ravel() for flux in fluxes])
+    scaled -= scaled.mean(axis=0)
+    return np.asarray(scaled @ scaled.T)
 
 
 def _net_storage(segments: list[Sums]) -> Array:
