@@ -1,4 +1,4 @@
-"""Where an average begins: the rule of `homogenize.statistics.onset` beside MSER-5, others of before, and half of the run.
+"""Where an average begins: the rule of `homogenize.statistics.onset` beside MSER-5, rules of before, and half of the run.
 
 `synthetic`: correlated series with a transient, whose mean is known. `stored STORE/PRODUCTION …`: runs of one vessel in
 other fillings, more and more of each of them; what the others say late in their runs stands for the truth.
@@ -208,7 +208,7 @@ def former_start(segments: list[Sums]) -> float:
 
 
 def start_by_series(segments: list[Sums]) -> float:
-    """Where averaging began [s]: at the onset of level flows, mass and kinetic energy, or an eighth of the rest later."""
+    """Where averaging began [s]: at the onset of these series, or up to an eighth of the rest later."""
     whole = merge(segments)
     begun = float(whole.time[least_error(whole.level_flow, whole.solids, whole.kinetic)])
     latest = begun + _BURST_SHARE * (segments[-1].stop - begun)
