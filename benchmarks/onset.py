@@ -1,4 +1,4 @@
-"""Where an average begins: the rule of `homogenize.statistics.onset` beside MSER-5, rules of before, and half of the run.
+"""Where an average begins: the rule of `homogenize.statistics.onset` beside MSER-5, rules of before, half of the run.
 
 `synthetic`: correlated series with a transient, whose mean is known. `stored STORE/PRODUCTION …`: runs of one vessel in
 other fillings, more and more of each of them; what the others say late in their runs stands for the truth.
