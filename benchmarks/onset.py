@@ -2,8 +2,8 @@
 
 `synthetic`: correlated series with a transient, whose mean is known. `stored STORE/PRODUCTION …`: runs of one vessel in
 other fillings, more and more of each of them; what the others say late in their runs stands for the truth.
-`fields RESULTS/CASE …`: the final fields of such runs, with today's start and with the former one. `ends RESULTS/CASE
-RESULTS/CASE`: two runs as they grew, each against the whole of the other.
+`fields RESULTS/CASE …`: the final fields of such runs, with today's start and with former ones. `ends RESULTS/CASE …`:
+runs of the test reactor, ended sooner and later, against the reference with the material's own particles.
 """
 
 from __future__ import annotations
@@ -34,13 +34,16 @@ from granpipe.pipeline.averages import (
 )
 from granpipe.pipeline.dem_stages import finished_productions
 from granpipe.pipeline.production import Production
-from granpipe.pipeline.records import SettleRecord
 from granpipe.planning.plan import Plan, make_plan
+from granpipe.study.fields import FinishedRun, field_of
+from granpipe.study.reference import read_run
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 
 FREEDOM = 1 / 3  # degrees of freedom of a standard error, over the effective samples
 COLUMNS = 8
+REFERENCE = Path(__file__).parent / "references" / "reactor_limit"
+SHARES = (1.0, 0.75, 0.6, 0.5, 0.4)  # of a run after its faster start
 PROCESSES = {
     "independent": (0.0, 0.0),
     "AR(1), 0.5": (0.5, 0.0),
@@ -248,41 +251,53 @@ STARTS = {"MSER-5, in half of the run": former_start, SERIES: start_by_series, "
 
 
 def ends(folders: Sequence[Path]) -> Iterator[list[str]]:
-    """Rows: case, start; end of the run [s], share of its steps that is averaged, filling included; statistical error
-    of the worst section and of the whole; difference of the field from that of the other run, all of it after a faster
-    start. At last the RMS of both and of the difference.
+    """Rows: run, its end [s], start; share of the time after a faster start that is averaged, independent blocks,
+    statistical error as told, difference from the reference. At last the RMS of these by start, of the ends at which
+    every start gives a field, and how many these are.
     """
-    runs = [_finished(folder) for folder in folders]
-    whole = [_averaged(plan, [*made.sums()], lambda kept: kept[0].start)[1].field for plan, made in runs]
+    reference = read_run(REFERENCE)
     told: dict[str, list[Array]] = {name: [] for name in STARTS}
-    for (plan, production), other in zip(runs, whole[::-1], strict=True):
-        segments = [*production.sums()]
-        settled = SettleRecord.read(production.settled).steps
-        for count in range(plan.dem.segments_left_out + 2 * LEAST_BLOCKS, len(segments) + 1, 2):
+    for folder in folders:
+        plan, production = _finished(folder)
+        finished = FinishedRun(plan, (production,))
+        truth = reference.at(plan.case, plan.grid, plan.outline.inside_fraction(plan.grid))
+        diameter = max(plan.dem.classes.sauter_diameter, reference.plan.dem.classes.sauter_diameter)
+        begun, stop = plan.dem.average_from, finished.segments[-1].stop
+        for end in (begun + share * (stop - begun) for share in SHARES):
             rows = []
             for name, rule in STARTS.items():
                 try:
-                    steady, made = _averaged(plan, segments[:count], rule)
-                    errors = made.figures["statistical_error"]
-                except (DataError, KeyError):  # too few segments, or the filling still changes too fast
+                    with mock.patch.object(averages, "_steady_start", rule):
+                        steady = finished.until(end)
+                    made = field_of(plan, steady)
+                except DataError:  # too few segments, or the filling still changes too fast
+                    yield [folder.name, f"{end:.1f}", name, "no field", "", "", ""]
                     continue
-                differences = compare(made.field, other, plan.case.outline.levels, plan.dem.classes.sauter_diameter)
-                off = next(one.observed for one in differences if one.name == "whole")
-                rows.append((name, len(steady), max(errors.values()), errors["whole"], off))
-            for name, averaged, *figures in rows:
-                if len(rows) == len(STARTS):  # so that both are told of the same ends
-                    told[name].append(np.array(figures))
-                steps = settled / plan.dem.segment_steps + count
-                shares = [f"{averaged / steps:.0%}", *(f"{one:.1%}" for one in figures)]
-                yield [plan.case.name, name, f"{segments[count - 1].stop:.1f}", *shares]
+                off = compare(truth, made.field, plan.case.outline.levels, diameter)[0].observed
+                averaged = sum(one.duration for one in steady) / (end - begun)
+                rows.append((name, averaged, made.blocks, made.errors(plan.case)["whole"], off))
+            for name, averaged, blocks, noise, off in rows:
+                yield [
+                    folder.name,
+                    f"{end:.1f}",
+                    name,
+                    f"{averaged:.0%}",
+                    f"{blocks:.0f}",
+                    f"{noise:.1%}",
+                    f"{off:.1%}",
+                ]
+                if len(rows) == len(STARTS):
+                    told[name].append(np.array([averaged, blocks, noise, off]))
     for name, figures in told.items():
-        yield ["RMS", name, "", "", *(f"{one:.1%}" for one in np.sqrt(np.mean(np.square(figures), axis=0)))]
+        averaged, blocks = np.mean(figures, axis=0)[:2]
+        noise, off = np.sqrt(np.mean(np.square(figures), axis=0))[2:]
+        yield ["all", f"{len(figures)} ends", name, f"{averaged:.0%}", f"{blocks:.0f}", f"{noise:.1%}", f"{off:.1%}"]
 
 
 def _finished(folder: Path) -> tuple[Plan, Production]:
     """The plan of a finished run that finds its start, and its production in the store beside its results."""
     plan = make_plan(read_case(folder / "case.yaml", {"homogenize.start": "auto"}).case, 1)
-    store = Store(folder.parent / ".store")
+    store = Store(next(above / ".store" for above in folder.parents if (above / ".store").is_dir()))
     versions = library_versions() | program_versions(store.root / "programs.json")
     return plan, finished_productions(plan, store, versions)[0]
 
