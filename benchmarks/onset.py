@@ -1,9 +1,8 @@
-"""Where an average begins: the rule of `homogenize.statistics.onset` beside MSER-5, rules of before, half of the run.
+"""Where an average begins: the rule in use beside MSER-5, rules of before, half of the run.
 
-`synthetic`: correlated series with a transient, whose mean is known. `stored STORE/PRODUCTION …`: runs of one vessel in
-other fillings, more and more of each of them; what the others say late in their runs stands for the truth.
-`fields RESULTS/CASE …`: the final fields of such runs, with today's start and with former ones. `ends RESULTS/CASE …`:
-runs of the test reactor, ended sooner and later, against the reference with the material's own particles.
+`synthetic`: correlated series with a transient, whose mean is known. `fields RESULTS/CASE …`: the final fields of runs
+of one vessel in other fillings, with today's start and with former ones. `ends RESULTS/CASE …`: runs of the test
+reactor, ended sooner and later, against the reference with the material's own particles.
 """
 
 from __future__ import annotations
@@ -21,13 +20,11 @@ from granpipe.case.reader import read_case
 from granpipe.errors import DataError
 from granpipe.field import Array
 from granpipe.homogenize.average import Sums, merge
-from granpipe.homogenize.statistics import LEAST_BLOCKS, effective_samples, onset, standard_error
+from granpipe.homogenize.statistics import effective_samples, onset, standard_error
 from granpipe.pipeline import averages
 from granpipe.pipeline.averages import (
-    _BURST_SHARE,
     AveragedField,
     _net_storage,
-    _products,
     _steady_start,
     averaged_field,
     steady_segments,
@@ -94,14 +91,13 @@ SERIES = "by level flows, mass, kinetic energy"
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["synthetic", "stored", "fields", "ends"])
-    parser.add_argument("folders", nargs="*", type=Path, help="productions of a store, or results")
+    parser.add_argument("what", choices=["synthetic", "fields", "ends"])
+    parser.add_argument("folders", nargs="*", type=Path, help="results")
     parser.add_argument("--repeat", type=int, default=100)
     parser.add_argument("--samples", nargs="*", type=int, default=[40, 100, 250])
     options = parser.parse_args()
     told_of = {
         "synthetic": lambda: synthetic(options.samples, options.repeat),
-        "stored": lambda: stored([_Run(folder) for folder in options.folders], options.samples),
         "fields": lambda: fields(options.folders, options.samples),
         "ends": lambda: ends(options.folders),
     }
@@ -151,56 +147,7 @@ def _cells(rows: list[Array], variance: float) -> str:
     return f"{left_out:.0%}, {np.sqrt(off / variance):.2f}, {np.sqrt(off / claimed):.2f}, {held:.0%}"
 
 
-class _Run:
-    """Flows through every face and the series that an onset is told from, of one production."""
-
-    def __init__(self, folder: Path) -> None:
-        self.segments = sorted((Sums.load(path) for path in folder.glob("*/sums.npz")), key=lambda one: one.start)
-        self.flows = np.array([flows(one) for one in self.segments])
-
-    def begins(self, count: int) -> dict[str, int]:
-        """Rule → index of the first segment that it averages, of the first `count`."""
-        whole = merge(self.segments[:count])
-        each = len(whole.time) // count
-        begun = _steady_start(self.segments[:count])
-        of_series = {"half": RULES["half"], "MSER-5": mser5, SERIES: least_error}
-        found = {
-            name: -(-rule(whole.level_flow, whole.solids, whole.kinetic) // each) for name, rule in of_series.items()
-        }
-        found["granpipe, onset alone"] = onset(_products(self.segments[:count]))
-        return found | {"granpipe": next(i for i, one in enumerate(self.segments) if one.start >= begun - 1e-9)}
-
-
-def flows(sums: Sums) -> Array:
-    """Flow through every face, each scaled so that its square counts by area."""
-    flux_r, flux_z = sums.mean_flux
-    scaled = flux_r * np.sqrt(sums.grid.side_area), flux_z * np.sqrt(sums.grid.ring_area)
-    return np.concatenate([one.ravel() for one in scaled])
-
-
-def stored(runs: list[_Run], samples: Sequence[int]) -> Iterator[list[str]]:
-    """Rows: segments, rule; share left out; error of the mean flow, claimed error, 95 % intervals that hold."""
-    for count in samples:
-        found: dict[str, list[Array]] = {}
-        for run in runs:
-            late = [told(other.flows[len(other.flows) // 3 :]) for other in runs if other is not run]
-            truth = np.mean([mean for mean, _, _ in late], axis=0)
-            doubt = np.sum([error**2 for _, error, _ in late], axis=0) / len(late) ** 2
-            flowing = np.abs(truth) > 0.05 * np.sqrt(np.mean(truth**2))
-            for rule, begin in run.begins(count).items():
-                if count - begin < LEAST_BLOCKS:
-                    continue
-                mean, error, quantile = told(run.flows[begin:count])
-                off, size = mean - truth, (truth**2).sum()
-                held = (np.abs(off) <= quantile * np.sqrt(error**2 + doubt))[flowing].mean()
-                figures = [begin / count, (off**2).sum() / size, (error**2).sum() / size, held]
-                found.setdefault(rule, []).append(np.array(figures))
-        for rule, rows in found.items():
-            left_out, off, claimed, held = np.mean(rows, axis=0)
-            yield [str(count), rule, f"{left_out:.0%}", f"{np.sqrt(off):.1%}", f"{np.sqrt(claimed):.1%}", f"{held:.1%}"]
-
-
-def former_start(segments: list[Sums]) -> float:
+def former_start(segments: list[Sums], _: float) -> float:
     """Where averaging began [s]: after the onset of MSER-5, in the first half, where the filling changes least."""
     whole = merge(segments)
     begun = float(whole.time[mser5(whole.level_flow, whole.solids, whole.kinetic)])
@@ -210,11 +157,11 @@ def former_start(segments: list[Sums]) -> float:
     return segments[min(first, key=lambda i: float(net[i]))].start
 
 
-def start_by_series(segments: list[Sums]) -> float:
+def start_by_series(segments: list[Sums], _: float) -> float:
     """Where averaging began [s]: at the onset of these series, or up to an eighth of the rest later."""
     whole = merge(segments)
     begun = float(whole.time[least_error(whole.level_flow, whole.solids, whole.kinetic)])
-    latest = begun + _BURST_SHARE * (segments[-1].stop - begun)
+    latest = begun + (segments[-1].stop - begun) / 8
     first = [i for i, one in enumerate(segments) if begun - one.duration < one.start <= latest] or [0]
     net = _net_storage(segments)
     return segments[min(first, key=lambda i: float(net[i]))].start
@@ -303,7 +250,7 @@ def _finished(folder: Path) -> tuple[Plan, Production]:
 
 
 def _averaged(
-    plan: Plan, segments: list[Sums], rule: Callable[[list[Sums]], float]
+    plan: Plan, segments: list[Sums], rule: Callable[[list[Sums], float], float]
 ) -> tuple[list[Sums], AveragedField]:
     """What is averaged from the start that a rule finds, and its field."""
     with mock.patch.object(averages, "_steady_start", rule):

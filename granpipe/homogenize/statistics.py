@@ -26,7 +26,7 @@ _LEAST_WINDOW = 8
 _MOST_CORRELATED = 1 / 3  # of the samples, as a correlation time: longer ones cannot be told from a trend
 
 
-def onset(products: Array) -> int:
+def onset(products: Array, more: Array | float = 0.0) -> int:
     """Number of samples to leave out at the beginning, at most half of them, for the least mean squared error.
 
     Of all truncations t, the one with the least estimated squared error of the remaining mean, bias² + variance
@@ -39,6 +39,7 @@ def onset(products: Array) -> int:
     ----------
     products : (n, n) products of the n samples with each other, x @ x.T for samples x (n, m) that are scaled as they
         count in the error
+    more : (n,) squared error that the mean of what is left from each sample on has besides
     """
     count, half = len(products), len(products) // 2
     if half < 2:
@@ -53,7 +54,7 @@ def onset(products: Array) -> int:
     apart = means.diagonal() - 2 * means[half] + means[half, half]
     variance = long_run / left
     bias = np.maximum(apart - (variance[half] - variance), 0.0)  # squared
-    return int(np.argmin(bias + variance))
+    return int(np.argmin(bias + variance + np.broadcast_to(more, count)[: half + 1]))
 
 
 def blocks(segments: Sequence[Sums], least: int = LEAST_BLOCKS) -> list[Sums]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from fakes.sums import NOTHING
 
 from granpipe.case.reader import load_case
 from granpipe.errors import DataError
+from granpipe.field import Grid
 from granpipe.homogenize.average import Sums
 from granpipe.pipeline.averages import after_transient
 from granpipe.planning.plan import Plan, make_plan
@@ -27,6 +29,45 @@ def segments_of(plan: Plan, count: int, run: int = 0) -> list[Sums]:
     length = plan.dem.segment_steps * plan.dem.time_step
     steady = replace(NOTHING, level_flow=np.ones((1, 3)), run=run, duration=length)
     return [replace(steady, start=n * length, stop=(n + 1) * length, time=np.array([n * length])) for n in range(count)]
+
+
+def flowing(plan: Plan, flows: Sequence[float], gains: Sequence[float], seed: int = 0) -> list[Sums]:
+    """Segments after a faster start, with these flows downwards, under noise, and what gathered in each [m³]."""
+    rng, grid = np.random.default_rng(seed), Grid.covering(0.2, 0.0, 0.4, 0.02)
+    nz, nr = grid.shape
+    left_out = plan.dem.segments_left_out
+    made = segments_of(plan, left_out + len(flows))[left_out:]
+    return [
+        replace(
+            one,
+            grid=grid,
+            flow_r=np.zeros((nz, nr + 1)),
+            flow_z=-flow * grid.ring_area * rng.normal(1.0, 0.2, (nz + 1, nr)),
+            volume=np.zeros((nz, nr)),
+            level_flow=np.full((1, nz + 1), flow * grid.ring_area.sum()),
+            gain=np.full((nz, nr), gain / (nz * nr)),
+        )
+        for one, flow, gain in zip(made, flows, gains, strict=True)
+    ]
+
+
+def test_flow_that_is_not_yet_that_of_the_rest_is_left_out(tiny: Path) -> None:
+    plan = faster(tiny, "auto")
+    assert len(after_transient(flowing(plan, [1.5] * 9 + [1.0] * 31, [0.0] * 40), plan)) == 31
+
+
+def test_flow_that_differs_by_less_than_noise_would_grow_is_not_left_out(tiny: Path) -> None:
+    plan = faster(tiny, "auto")
+    begun = [flowing(plan, [1.01] * 6 + [1.0] * 30, [0.0] * 36, seed) for seed in range(10)]
+    assert np.mean([len(after_transient(segments, plan)) for segments in begun]) > 33
+
+
+def test_an_average_holds_whole_turns_of_bursts_and_rests(tiny: Path) -> None:
+    """Solids gather over four segments and leave in the fifth; three more are at the begin."""
+    plan = faster(tiny, "auto")
+    gathered = 0.5 * np.pi * 0.2**2 * plan.dem.segment_steps * plan.dem.time_step  # half of the flow
+    turn = [gathered] * 4 + [-4 * gathered]
+    assert len(after_transient(flowing(plan, [1.0] * 28, [*turn[1:4], *turn * 5]), plan)) == 25
 
 
 @pytest.mark.parametrize("start", ["auto", "0 s"])

@@ -33,10 +33,10 @@ def autoregressive(rng, count, memory):
     return series
 
 
-def begins(series):
+def begins(series, more=0.0):
     """Onset of a series, or of several that count by their size."""
     values = np.reshape(series, (len(series), -1))
-    return onset(values @ values.T)
+    return onset(values @ values.T, more)
 
 
 def test_a_steady_series_is_kept_nearly_whole():
@@ -96,6 +96,14 @@ def test_the_unit_of_a_series_and_what_never_changes_do_not_matter():
 def test_never_more_than_half_is_left_out():
     assert begins(np.arange(200.0)) <= 100
     assert begins(np.r_[np.zeros(190), np.ones(10) * 50]) <= 100
+
+
+def test_what_else_adds_to_the_error_of_a_mean_counts_beside_its_noise():
+    rng = np.random.default_rng(3)
+    steady = rng.normal(size=400)  # the mean of all has a squared error of 1/400
+    little, much = (np.where(np.arange(400) == 100, 0.0, size) for size in (1e-5, 1e-2))
+    assert begins(steady, little) < 40
+    assert begins(steady, much) == 100
 
 
 def test_nothing_is_left_out_where_nothing_changes():
