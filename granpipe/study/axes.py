@@ -36,6 +36,9 @@ _OTHER = 1000  # apart from the seeds of replicas
 BASE = "base"
 """Name of the point that is the case itself."""
 
+SEED, FILLINGS = "seed", "fillings"
+"""Axes of other fillings: of the case, and of the points along other axes, which are its values."""
+
 CHEAP, BEST, FINEST_SPEED = "cheap", "best", "finest_speed"
 """Axes of combined points: coarsest and fastest; finest, in two fillings; finest at every plate speed."""
 
@@ -52,10 +55,13 @@ _KEYS = {
     "thickness": "dem.thickness",
     "plate_speed": "dem.plate_speed",
     "replicas": "dem.replicas",
-    "seed": "dem.seed",
+    SEED: "dem.seed",
     "ranks": "dem.ranks",
 }
 """Axis → key of the case."""
+
+_REPEATED = ("coarse_grain_factor", "mass_scaling", "youngs_modulus", "time_step", "plate_speed")
+"""Axes that have a limit: what a filling adds to their points would be taken for what they do."""
 
 
 @dataclass(frozen=True)
@@ -115,13 +121,17 @@ def read_axes(words: Iterable[str]) -> Axes:
     found: dict[str, list[str]] = {}
     for word in words:
         name, given, text = word.partition("=")
-        if name not in (*_KEYS, *_COMBINED):
-            raise CaseError(f"{name} is not an axis; choose from {', '.join((*_KEYS, *_COMBINED))}", place="--axis")
+        if name not in (*_KEYS, *_COMBINED, FILLINGS):
+            known = ", ".join((*_KEYS, *_COMBINED, FILLINGS))
+            raise CaseError(f"{name} is not an axis; choose from {known}", place="--axis")
         if given and name in _COMBINED:
             raise CaseError(f"{name} follows from the other axes; it takes no values", place="--axis")
         values = [value for value in map(str.strip, text.split(",")) if value]
         if given and not values:
             raise CaseError(f"no values in {word!r}; write such as {name}=1,2 or {name} alone", place="--axis")
+        if name == FILLINGS and (wrong := [value for value in values if value not in _REPEATED]):
+            message = f"{wrong[0]} is not an axis to be repeated; choose from {', '.join(_REPEATED)}"
+            raise CaseError(message, place=f"--axis {word}")
         found.setdefault(name, []).extend(values)
     return found
 
@@ -145,7 +155,8 @@ def study_variants(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None
     for axis in (axis for axis in usual if axes.get(axis)):
         for value in dict.fromkeys(axes[axis]):
             single.append(_wanted(case, basis, refusal, axis, value))
-    variants = [*single, *(one for one in _combined(case, single) if refusal(one.variant) is None)]
+    more = [*_combined(case, single), *_fillings(single, axes.get(FILLINGS) or _REPEATED)]
+    variants = [*single, *(one for one in more if refusal(one.variant) is None)]
     if not axes:
         return tuple(variants)
     for axis in axes:
@@ -243,6 +254,13 @@ def _combined(case: Case, single: Sequence[StudyVariant]) -> Iterator[StudyVaria
         yield StudyVariant(BEST, Variant(f"{size.name}-replicas-2", size.changes | {"dem.replicas": "2"}))
         for one in speeds:
             yield StudyVariant(FINEST_SPEED, Variant(f"{size.name}-{one.name}", size.changes | one.changes))
+
+
+def _fillings(single: Sequence[StudyVariant], repeated: Sequence[str]) -> Iterator[StudyVariant]:
+    """The points along some axes in the other fillings that the case itself is run in."""
+    for one in (one.variant for one in single if one.axis in repeated):
+        for other in (other.variant for other in single if other.axis == SEED):
+            yield StudyVariant(FILLINGS, Variant(f"{one.name}-{other.name}", one.changes | other.changes))
 
 
 def affordable(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from granpipe.pipeline.provenance import Provenance
 from granpipe.pipeline.run import plan_case
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
-from granpipe.study.axes import FINEST_SPEED
+from granpipe.study.axes import FILLINGS, FINEST_SPEED, SEED
 from granpipe.study.budget import ErrorBound, Option, Size
 from granpipe.study.fields import PSI, FinishedRun, Method, field_of, methods_of
 from granpipe.study.inputs import INPUT, Input
@@ -144,6 +145,7 @@ class Findings:
     unknown : axes of which no two points tell what they add to that
     options, effects : what was measured
     axis_fits : along each axis that has a limit
+    scatter : how far fields of other fillings lie apart, over what their standard errors let expect; None without such
     spread : name → difference of the measures between halves of the reference
     rate : particle-steps per second of one core
     uncertainty : section → that of the case itself; none where its field has no error bar
@@ -156,6 +158,7 @@ class Findings:
     options: tuple[Option, ...]
     effects: tuple[Effect, ...]
     axis_fits: tuple[AxisFit, ...]
+    scatter: float | None
     spread: Mapping[str, float]
     rate: float | None
     uncertainty: Mapping[str, Uncertainty]
@@ -283,6 +286,7 @@ class Comparison:
             options=tuple(options),
             effects=tuple(effects),
             axis_fits=tuple(slope.fit for slope in (*self.slopes.values(), self.finest_speed) if slope is not None),
+            scatter=self.scatter,
             spread=self._spread(scene),
             rate=float(np.median(rates)) if rates else None,
             uncertainty=self.uncertainty(effects[0]),
@@ -524,16 +528,36 @@ class Comparison:
         """Axis → how the field changes along it, where two points or more tell."""
         found = {}
         for axis in _SETTING:
-            along = [point for point in self.points if point.axis in ("", axis) and point.setting]
+            along = [point for point in self.points if self._axis(point) in ("", axis) and point.setting]
             if len({point.setting[axis] for point in along}) > 1:
                 found[axis] = self._slope(axis, axis, along)
         return found
 
     @cached_property
+    def scatter(self) -> float | None:
+        """How far fields of the same settings in other fillings lie apart, over what their standard errors let expect.
+
+        The root mean square over all pairs of them; None where there is none. A filling has much in common with itself
+        for longer than a run lasts, of which its standard error tells nothing.
+        """
+        known = [point for point in self.points if point.finished and point.field.flux_z_se is not None]
+        pairs = [pair for pair in combinations(known, 2) if _bed(pair[0]) == _bed(pair[1]) and not self._alike(*pair)]
+        found = [compare(one.field, other.field, {}, max(one.diameter, other.diameter))[0] for one, other in pairs]
+        squares = [(apart.observed / apart.noise) ** 2 for apart in found if apart.noise > 0]
+        return float(np.sqrt(np.mean(squares))) if squares else None
+
+    def _axis(self, point: StudyPoint) -> str:
+        """The axis along which a point lies, whatever its filling."""
+        if point.axis not in (SEED, FILLINGS):
+            return point.axis
+        alike = (one.axis for one in self.points if one.axis not in (SEED, FILLINGS) and _bed(one) == _bed(point))
+        return next(alike, point.axis)
+
+    @cached_property
     def finest_speed(self) -> AxisSlope | None:
         """How the field of the finest particles changes with the plate's speed, where two points or more tell."""
         fast = [point for point in self.points if point.axis == FINEST_SPEED and point.setting]
-        sizes = [point for point in self.points if point.axis == "coarse_grain_factor" and point.setting]
+        sizes = [point for point in self.points if self._axis(point) == "coarse_grain_factor" and point.setting]
         along = fast + [point for point in sizes if fast and same_setting(point.diameter, fast[0].diameter)]
         if len({point.setting["plate_speed"] for point in along}) < 2:
             return None
@@ -600,6 +624,7 @@ class Comparison:
         """Size of a sum of fields over the whole and each section, relative to the reference, its noise taken off."""
         best = self.reference.field
         velocity, variance = total(terms, best.grid)
+        variance *= max(1.0, self.scatter or 1.0) ** 2
         cells = Cells(weight, (middles(best) ** 2).sum(axis=0), (velocity**2).sum(axis=0), variance)
         shared = max(1.0, (max(point.diameter, self.reference.diameter) / best.grid.cell) ** 2)
         rows = section_rows(best.grid, self.levels)
@@ -624,6 +649,11 @@ def _reference_point(case: Case, earlier: EarlierRun, plan: Plan) -> StudyPoint:
 def _runs(point: StudyPoint) -> dict[str, str]:
     """What of a point's changes makes its runs what they are, but for how many they are and how long."""
     return {key: value for key, value in point.changes.items() if key not in ("dem.replicas", "dem.max_time")}
+
+
+def _bed(point: StudyPoint) -> dict[str, str]:
+    """What of a point's changes makes its runs what they are, but for their filling."""
+    return {key: value for key, value in _runs(point).items() if key != "dem.seed"}
 
 
 def _accuracy_order(point: StudyPoint) -> tuple[float, float, float]:

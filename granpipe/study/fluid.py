@@ -94,4 +94,6 @@ def fluid_findings(solves: Sequence[Solve]) -> Findings:
         if solve.across == DEFAULT
     )
     reference = f"the fluid, order {ORDERS[-1]}, {FINEST} elements across"
-    return Findings(reference, {}, (), options, effects=(), axis_fits=(), spread={}, rate=None, uncertainty={})
+    return Findings(
+        reference, {}, (), options, effects=(), axis_fits=(), scatter=None, spread={}, rate=None, uncertainty={}
+    )

@@ -229,6 +229,7 @@ def _particle_sections(found: Findings) -> Iterator[Section]:
             "step, no mass scaling. The sum of all parts is the expected difference from the reference, next to the "
             "measured one.",
             *map(_axis_fit_text, found.axis_fits),
+            *_scatter_text(found.scatter),
         ],
         head=("point", "statistical", *axes, "all parts, from the reference", "measured, from the reference"),
         rows=[_budget_row(effect, axes) for effect in found.effects],
@@ -358,6 +359,12 @@ def _figure(part: Part) -> str:
     if part.standard is None:
         return ""
     return f"≤ {percent(part.standard)}" if part.bound else percent(part.standard)
+
+
+def _scatter_text(scatter: float | None) -> Iterator[str]:
+    if scatter is not None:
+        counts = ", and noise counts as so much larger in what the axes tell" if scatter > 1 else ""
+        yield f"Other fillings lie {scatter:.2f} times as far apart as their noise lets expect{counts}."
 
 
 def _axis_fit_text(fit: AxisFit) -> str:

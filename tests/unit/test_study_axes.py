@@ -14,6 +14,7 @@ from granpipe.study.axes import (
     BASE,
     BEST,
     CHEAP,
+    FILLINGS,
     FINEST_SPEED,
     Basis,
     StudyVariant,
@@ -108,6 +109,20 @@ def test_the_finest_particles_are_run_at_every_plate_speed(case) -> None:
     assert [float(changes["dem.plate_speed"]) for changes in along(asked, FINEST_SPEED)] == [0.05]
 
 
+def test_points_along_axes_with_a_limit_are_run_in_every_other_filling(case) -> None:
+    words = ["seed=7,8", "youngs_modulus=2e6,4e6", "plate_speed=0.05", "facets"]
+    variants = study_variants(case, BASIS, every, read_axes([*words, FILLINGS]))
+    found = {
+        (changes["dem.seed"], changes.get("contact.youngs_modulus"), changes.get("dem.plate_speed"))
+        for changes in along(variants, FILLINGS)
+    }
+    stiff = {(seed, modulus, None) for seed in ("7", "8") for modulus in ("2e6", "4e6")}
+    assert found == stiff | {("7", None, "0.05"), ("8", None, "0.05")}
+    some = study_variants(case, BASIS, every, read_axes([*words, f"{FILLINGS}=plate_speed"]))
+    assert {changes["dem.plate_speed"] for changes in along(some, FILLINGS)} == {"0.05"}
+    assert len(along(some, FILLINGS)) == 2
+
+
 def test_facets_of_other_walls_can_be_quartered(case) -> None:
     facets = [int(changes["dem.facets"]) for changes in along(study_variants(case, BASIS, every), "facets")]
     assert facets == [8, 32]
@@ -158,6 +173,7 @@ def test_the_dearest_are_dropped_but_never_the_case() -> None:
         ("colour", "choose from model, coarse_grain_factor"),
         ("best=3", "takes no values"),
         ("plate_speed=", "no values in 'plate_speed='"),
+        ("fillings=facets", "facets is not an axis to be repeated; choose from coarse_grain_factor, mass_scaling"),
     ],
 )
 def test_an_axis_that_there_is_not_is_refused(word, told) -> None:

@@ -12,7 +12,7 @@ from granpipe.case.reader import varied
 from granpipe.errors import DataError
 from granpipe.field import Field
 from granpipe.planning.plan import make_plan
-from granpipe.study.axes import BASE, FINEST_SPEED
+from granpipe.study.axes import BASE, FILLINGS, FINEST_SPEED, SEED
 from granpipe.study.budget import ErrorBound, advise
 from granpipe.study.findings import Comparison, Findings, StudyPoint
 from granpipe.study.fluid import Solve, fluid_findings
@@ -127,6 +127,38 @@ def test_the_limit_goes_by_what_a_plate_does_to_the_finest_particles() -> None:
     assert made.finest_speed.fit.points == 2
 
 
+def in_other_fillings(told: float, scatter: float, seed: int) -> Comparison:
+    """Two speeds in three fillings each, which lie `scatter` apart and tell `told`."""
+    fast, points = {"dem.plate_speed": "0.04", "dem.max_time": "4"}, []
+    for number, (axis, more) in enumerate({"": {}, SEED: {"dem.seed": "7"}, "third": {"dem.seed": "8"}}.items()):
+        slow = point(f"slow{number}", axis.replace("third", SEED), more, scatter, seed + 2 * number)
+        quick = point(f"fast{number}", FILLINGS if more else "plate_speed", fast | more, scatter, seed + 2 * number + 1)
+        for one in (slow, quick):
+            assert one.field.flux_z_se is not None
+            points.append(replace(one, field=replace(one.field, flux_z_se=one.field.flux_z_se * told / scatter)))
+    return Comparison(CASE, points)
+
+
+def test_all_fillings_tell_what_a_setting_does() -> None:
+    one, three = (in_other_fillings(0.1, 0.1, 20), in_other_fillings(0.1, 0.1, 20))
+    alone = Comparison(CASE, [one.points[0], one.points[1]])
+    assert three.slopes["plate_speed"].fit.points == 6
+    unit = norm_of_profile(three) * PER_SPEED * 0.02
+    found = three.effect(three.points[0], {}).contributions["plate_speed"]["whole"]
+    single = alone.effect(alone.points[0], {}).contributions["plate_speed"]["whole"]
+    assert found.value == pytest.approx(unit, rel=0.2)
+    assert found.upper - found.value < single.upper - single.value
+
+
+def test_noise_counts_as_fillings_differ_where_they_differ_by_more_than_it() -> None:
+    """By the mean square over many studies: noise that is told half as large as it is would be taken for an effect."""
+    many = [in_other_fillings(0.05, 0.1, 100 * number) for number in range(1, 21)]
+    assert np.mean([made.scatter for made in many if made.scatter]) == pytest.approx(2, rel=0.1)
+    parts = [made.effect(made.points[0], {}).contributions["plate_speed"]["whole"].value for made in many]
+    assert np.sqrt(np.mean(np.square(parts))) == pytest.approx(norm_of_profile(many[0]) * PER_SPEED * 0.02, rel=0.1)
+    assert study(0.01).scatter is None
+
+
 def test_differences_from_the_limit_are_added_as_fields_not_by_their_sizes() -> None:
     """The slow point is coarser than the reference, and on the limit's side of it by its plate."""
     made = study(0.0005)
@@ -197,7 +229,7 @@ def test_each_advice_says_how_much_longer_another_case_takes() -> None:
 def test_levers_are_told_against_the_case_and_its_time() -> None:
     studied = study(0.0)
     base, coarse = (studied.effect(point, {}) for point in studied.points[:2])
-    found = Findings(BASE, {}, (), (), (base, replace(coarse, seconds=3 * base.seconds)), (), {}, None, {})
+    found = Findings(BASE, {}, (), (), (base, replace(coarse, seconds=3 * base.seconds)), (), None, {}, None, {})
     (section,) = (one for one in study_sections(found, [], None) if one.title == "Effects")
     ((name, times, difference),) = section.rows
     assert (name, times) == (coarse.point, "× 3.00")
