@@ -155,7 +155,8 @@ def study_variants(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None
     for axis in (axis for axis in usual if axes.get(axis)):
         for value in dict.fromkeys(axes[axis]):
             single.append(_wanted(case, basis, refusal, axis, value))
-    more = [*_combined(case, single), *_fillings(single, axes.get(FILLINGS) or _REPEATED)]
+    repeated = axes.get(FILLINGS) or [axis for axis in _REPEATED if axis in (axes or usual)]
+    more = [*_combined(case, single), *_fillings(single, repeated)]
     variants = [*single, *(one for one in more if refusal(one.variant) is None)]
     if not axes:
         return tuple(variants)

@@ -243,7 +243,7 @@ def test_the_table_of_uncertainty_marks_what_noise_hides_section_by_section() ->
 
     base = study(0.0).effect(study(0.0).base, {})
     both = {"whole": parts(hidden=False), "shaft": parts(hidden=True)}
-    found = Findings(BASE, {}, (), (), (base,), (), {}, None, both)
+    found = Findings(BASE, {}, (), (), (base,), (), None, {}, None, both)
     (section,) = (one for one in study_sections(found, [], None) if one.title == "Uncertainty")
     assert section.rows[1][:4] == ("contact.friction", "input", "1.4%", "≤ 1.7%")
     assert any("≤" in text for text in section.text)
