@@ -24,7 +24,7 @@ from granpipe.homogenize.statistics import effective_samples, onset, standard_er
 from granpipe.pipeline import averages
 from granpipe.pipeline.averages import (
     AveragedField,
-    _net_storage,
+    _gathered,
     _steady_start,
     averaged_field,
     steady_segments,
@@ -147,23 +147,23 @@ def _cells(rows: list[Array], variance: float) -> str:
     return f"{left_out:.0%}, {np.sqrt(off / variance):.2f}, {np.sqrt(off / claimed):.2f}, {held:.0%}"
 
 
-def former_start(segments: list[Sums], _: float) -> float:
+def former_start(segments: list[Sums], plan: Plan) -> float:
     """Where averaging began [s]: after the onset of MSER-5, in the first half, where the filling changes least."""
     whole = merge(segments)
     begun = float(whole.time[mser5(whole.level_flow, whole.solids, whole.kinetic)])
     latest = max(begun, 0.5 * (segments[0].start + segments[-1].stop))
     first = [i for i, one in enumerate(segments) if begun - one.duration < one.start <= latest] or [0]
-    net = _net_storage(segments)
+    net = _gathered(segments, plan)
     return segments[min(first, key=lambda i: float(net[i]))].start
 
 
-def start_by_series(segments: list[Sums], _: float) -> float:
+def start_by_series(segments: list[Sums], plan: Plan) -> float:
     """Where averaging began [s]: at the onset of these series, or up to an eighth of the rest later."""
     whole = merge(segments)
     begun = float(whole.time[least_error(whole.level_flow, whole.solids, whole.kinetic)])
     latest = begun + (segments[-1].stop - begun) / 8
     first = [i for i, one in enumerate(segments) if begun - one.duration < one.start <= latest] or [0]
-    net = _net_storage(segments)
+    net = _gathered(segments, plan)
     return segments[min(first, key=lambda i: float(net[i]))].start
 
 
@@ -250,7 +250,7 @@ def _finished(folder: Path) -> tuple[Plan, Production]:
 
 
 def _averaged(
-    plan: Plan, segments: list[Sums], rule: Callable[[list[Sums], float], float]
+    plan: Plan, segments: list[Sums], rule: Callable[[list[Sums], Plan], float]
 ) -> tuple[list[Sums], AveragedField]:
     """What is averaged from the start that a rule finds, and its field."""
     with mock.patch.object(averages, "_steady_start", rule):

@@ -15,9 +15,9 @@ from granpipe.field import Array, Box, Field, Grid, cell_squares, level_flow, se
 from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import gaussian_field
 from granpipe.homogenize.average import Sums, merge
-from granpipe.homogenize.conserve import Plug, bed_packing, measure_plug
+from granpipe.homogenize.conserve import Plug, bed_packing, measure_plug, plug_levels
 from granpipe.homogenize.drawn_walls import share_in_solid, within_drawn
-from granpipe.homogenize.psi_field import psi_field
+from granpipe.homogenize.psi_field import MOST_STORAGE, psi_field
 from granpipe.homogenize.smooth import flowing_faces, smooth
 from granpipe.homogenize.space_outlets import OutletCells, within_vessel
 from granpipe.homogenize.statistics import LEAST_BLOCKS, blocks, onset, standard_error
@@ -36,6 +36,9 @@ DILATED_DIAMETERS = 1.0
 _STORAGE_ERROR = 0.4
 """Error of a field over the part of the flow that gathers while it is averaged, by which the start is chosen: 0.12 to
 0.19 in runs of the test reactor of which 30 to 42 % gathered; more here, since there is no field from a fifth on."""
+
+_NO_FIELD = 1.0
+"""Squared error, over the square of the flow, of a start that gives no field."""
 
 _SEEN = 1.0
 """Fluxes are compared through a Gaussian of so many particle diameters, for finer noise does not reach the field."""
@@ -161,24 +164,24 @@ def after_transient(segments: Sequence[Sums], plan: Plan) -> list[Sums]:
 
 def _from_start(segments: list[Sums], plan: Plan) -> list[Sums]:
     given = plan.case.homogenize.start
-    diameter = plan.dem.classes.sauter_diameter
-    start = _steady_start(segments, diameter) if given == "auto" else plan.dem.average_from + float(given)
+    start = _steady_start(segments, plan) if given == "auto" else plan.dem.average_from + float(given)
     kept = [sums for sums in segments if sums.start >= start - 1e-9 * segments[-1].stop]
     if not kept:
         raise DataError(f"no segment begins after homogenize.start = {start:g} s; the last at {segments[-1].start:g} s")
     return kept
 
 
-def _steady_start(segments: list[Sums], diameter: float) -> float:
+def _steady_start(segments: list[Sums], plan: Plan) -> float:
     """Where averaging begins [s]: from where on the error of the field is expected to be least.
 
     Flow above an obstacle comes in bursts. An average that holds more rests than bursts, or more bursts than rests, has
-    solids gather or leave, which adds to its error.
+    solids gather or leave, which adds to its error. A start from which there is no field for that is taken only where
+    no start in the first half gives one.
     """
-    products, size = _compared(segments, _SEEN * diameter / segments[0].grid.cell)
-    flow = float(merge(segments).level_flow.mean())
-    gathered = _net_storage(segments) / flow if flow > 0 else np.zeros(len(segments))
-    return segments[onset(products, size * (_STORAGE_ERROR * gathered) ** 2)].start
+    products, size = _compared(segments, _SEEN * plan.dem.classes.sauter_diameter / segments[0].grid.cell)
+    gathered = _gathered(segments, plan)
+    more = size * (_STORAGE_ERROR * gathered) ** 2
+    return segments[onset(products, np.where(gathered < MOST_STORAGE, more, more + _NO_FIELD * size))].start
 
 
 def _compared(segments: list[Sums], width: float) -> tuple[Array, float]:
@@ -208,11 +211,22 @@ def _compared(segments: list[Sums], width: float) -> tuple[Array, float]:
     return products, size
 
 
-def _net_storage(segments: list[Sums]) -> Array:
-    """(n,) largest rate at which solids gather below any level, on average from each segment to the end [m³/s]."""
-    gain = np.cumsum([segment.row_gain for segment in segments[::-1]], axis=0)[::-1]
-    duration = np.cumsum([segment.duration for segment in segments[::-1]])[::-1]
-    return np.asarray(np.abs(np.cumsum(gain, axis=1)).max(axis=1) / duration)
+def _gathered(segments: list[Sums], plan: Plan) -> Array:
+    """(n,) largest part of the flow that gathers between the plug and any level, from each segment to the end.
+
+    In space, where there is no plug, between the bottom and any level; 0 where nothing flows down.
+    """
+    grid = segments[0].grid
+    levels = np.arange(len(grid.z_edges)) == 0
+    if plan.space is None:
+        levels = plug_levels(grid, plug_range(plan.outline, grid))
+    duration = np.array([sums.duration for sums in segments])
+    gained = np.array([np.cumsum(np.concatenate([[0.0], sums.row_gain])) for sums in segments])
+    gained -= gained[:, levels].mean(axis=1, keepdims=True)
+    passed = duration * np.array([sums.level_flow[:, levels].mean() for sums in segments])
+    gained, passed = gained[::-1].cumsum(axis=0)[::-1], passed[::-1].cumsum()[::-1]
+    part = np.divide(np.abs(gained).max(axis=1), passed, out=np.zeros(len(segments)), where=passed > 0)
+    return np.asarray(part)
 
 
 def reference_plug(

@@ -257,6 +257,11 @@ def _combined(case: Case, single: Sequence[StudyVariant]) -> Iterator[StudyVaria
             yield StudyVariant(FINEST_SPEED, Variant(f"{size.name}-{one.name}", size.changes | one.changes))
 
 
+def repeated_axis(changes: Mapping[str, str]) -> str:
+    """The axis along which a point in another filling lies; none where it is the case itself."""
+    return next((axis for axis in _REPEATED if _KEYS[axis] in changes), "")
+
+
 def _fillings(single: Sequence[StudyVariant], repeated: Sequence[str]) -> Iterator[StudyVariant]:
     """The points along some axes in the other fillings that the case itself is run in."""
     for one in (one.variant for one in single if one.axis in repeated):

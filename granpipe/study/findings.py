@@ -27,7 +27,7 @@ from granpipe.pipeline.provenance import Provenance
 from granpipe.pipeline.run import plan_case
 from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
-from granpipe.study.axes import FILLINGS, FINEST_SPEED, SEED
+from granpipe.study.axes import FILLINGS, FINEST_SPEED, SEED, repeated_axis
 from granpipe.study.budget import ErrorBound, Option, Size
 from granpipe.study.fields import PSI, FinishedRun, Method, field_of, methods_of
 from granpipe.study.inputs import INPUT, Input
@@ -528,7 +528,7 @@ class Comparison:
         """Axis → how the field changes along it, where two points or more tell."""
         found = {}
         for axis in _SETTING:
-            along = [point for point in self.points if self._axis(point) in ("", axis) and point.setting]
+            along = [point for point in self.points if _axis(point) in ("", axis) and point.setting]
             if len({point.setting[axis] for point in along}) > 1:
                 found[axis] = self._slope(axis, axis, along)
         return found
@@ -546,18 +546,11 @@ class Comparison:
         squares = [(apart.observed / apart.noise) ** 2 for apart in found if apart.noise > 0]
         return float(np.sqrt(np.mean(squares))) if squares else None
 
-    def _axis(self, point: StudyPoint) -> str:
-        """The axis along which a point lies, whatever its filling."""
-        if point.axis not in (SEED, FILLINGS):
-            return point.axis
-        alike = (one.axis for one in self.points if one.axis not in (SEED, FILLINGS) and _bed(one) == _bed(point))
-        return next(alike, point.axis)
-
     @cached_property
     def finest_speed(self) -> AxisSlope | None:
         """How the field of the finest particles changes with the plate's speed, where two points or more tell."""
         fast = [point for point in self.points if point.axis == FINEST_SPEED and point.setting]
-        sizes = [point for point in self.points if self._axis(point) == "coarse_grain_factor" and point.setting]
+        sizes = [point for point in self.points if _axis(point) == "coarse_grain_factor" and point.setting]
         along = fast + [point for point in sizes if fast and same_setting(point.diameter, fast[0].diameter)]
         if len({point.setting["plate_speed"] for point in along}) < 2:
             return None
@@ -649,6 +642,11 @@ def _reference_point(case: Case, earlier: EarlierRun, plan: Plan) -> StudyPoint:
 def _runs(point: StudyPoint) -> dict[str, str]:
     """What of a point's changes makes its runs what they are, but for how many they are and how long."""
     return {key: value for key, value in point.changes.items() if key not in ("dem.replicas", "dem.max_time")}
+
+
+def _axis(point: StudyPoint) -> str:
+    """The axis along which a point lies, whatever its filling."""
+    return repeated_axis(point.changes) if point.axis in (SEED, FILLINGS) else point.axis
 
 
 def _bed(point: StudyPoint) -> dict[str, str]:
