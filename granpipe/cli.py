@@ -555,6 +555,9 @@ def repose(
               help="Wall time for all points; the most expensive ones are dropped to fit.")  # fmt: skip
 @click.option("--axis", "axes", multiple=True, metavar="AXIS[=VALUE,…]",
               help="Vary this setting only, with these values; may be repeated.")  # fmt: skip
+@click.option("--point", "points", multiple=True, metavar="KEY=VALUE,…",
+              help="A point with several changes of the run's settings; may be repeated. Without --axis only these are "
+              "run.")  # fmt: skip
 @click.option("--inputs", multiple=True, metavar="KEY=LOW..HIGH",
               help="Range of a property of the material or its contacts: uncertainty of inputs; may be repeated. "
               "Without --axis only this is run.")  # fmt: skip
@@ -567,7 +570,8 @@ def repose(
 @_CLUSTER
 def study(
     case: Path, overrides: Mapping[str, str], results: Path, hours: float, axes: tuple[str, ...],
-    inputs: tuple[str, ...], reference: Path | None, against: Path | None, on: str, cores: int | None, cluster: Path,
+    points: tuple[str, ...], inputs: tuple[str, ...], reference: Path | None, against: Path | None, on: str,
+    cores: int | None, cluster: Path,
 ) -> None:  # fmt: skip
     """Measure error against run time for variants of CASE.
 
@@ -575,7 +579,7 @@ def study(
     repeated. On a cluster, run the command again when the jobs have ended: it then writes the report.
     """
     from granpipe.pipeline.run import plan_case
-    from granpipe.study.axes import read_axes
+    from granpipe.study.axes import read_axes, read_point
     from granpipe.study.inputs import read_inputs
     from granpipe.study.points import make_study
     from granpipe.study.reference import read_reference
@@ -591,7 +595,8 @@ def study(
     earlier = None if reference is None else read_reference(reference, asked)
     if earlier is not None:
         _tell(f"{reference}: quality gate failed: {gate}" for gate in earlier.failed)
-    made = make_study(asked, hours, cores, read_axes(axes), known_rates(), read_inputs(inputs, asked))
+    several, ranges = [read_point(words) for words in points], read_inputs(inputs, asked)
+    made = make_study(asked, hours, cores, read_axes(axes), known_rates(), ranges, several)
     _tell(made.left_out)
     with Console() as console:
         found = run_study(made, results, other, cores, cluster if on == "slurm" else None, console, earlier)

@@ -60,6 +60,12 @@ _KEYS = {
 }
 """Axis → key of the case."""
 
+POINT = "point"
+"""Axis of points with several changes, as the user gives them."""
+
+_SETTINGS = (*_KEYS.values(), "dem.max_time")
+"""What such a point may change: none of these changes the vessel or the material."""
+
 _REPEATED = ("coarse_grain_factor", "mass_scaling", "youngs_modulus", "time_step", "plate_speed")
 """Axes that have a limit: what a filling adds to their points would be taken for what they do."""
 
@@ -134,6 +140,46 @@ def read_axes(words: Iterable[str]) -> Axes:
             raise CaseError(message, place=f"--axis {word}")
         found.setdefault(name, []).extend(values)
     return found
+
+
+def read_point(words: str) -> dict[str, str]:
+    """``key=value,key=value`` → changes of the case.
+
+    Raises
+    ------
+    CaseError : no value, no setting of the run, or one that is given twice
+    """
+    found: dict[str, str] = {}
+    for word in words.split(","):
+        key, _, value = (part.strip() for part in word.partition("="))
+        if not value:
+            raise CaseError(f"no value in {word!r}; write such as {_SETTINGS[1]}=1", place=f"--point {words}")
+        if key not in _SETTINGS:
+            message = f"{key} is no setting that a point may change; choose from {', '.join(_SETTINGS)}"
+            raise CaseError(message, place=f"--point {words}")
+        if key in found:
+            raise CaseError(f"{key} is given twice", place=f"--point {words}")
+        found[key] = value
+    return found
+
+
+def point_variants(case: Case, points: Iterable[Mapping[str, str]], refusal: Refusal) -> Iterator[StudyVariant]:
+    """The points with several changes.
+
+    Raises
+    ------
+    CaseError : a value is wrong, or the scene does not allow it
+    """
+    for changes in points:
+        place = f"--point {','.join(f'{key}={value}' for key, value in changes.items())}"
+        try:
+            varied(case, changes)
+            error = refusal(variant := Variant(name_of(changes), dict(changes)))
+        except CaseError as wrong:
+            error = wrong
+        if error is not None:
+            raise CaseError(error.message, place=place)
+        yield StudyVariant(POINT, variant)
 
 
 def study_variants(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None = None) -> tuple[StudyVariant, ...]:

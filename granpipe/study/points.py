@@ -18,7 +18,7 @@ from granpipe.errors import CaseError
 from granpipe.geometry.revolve import Turn
 from granpipe.planning.forecast import forecast as forecast_of
 from granpipe.planning.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, model_plans
-from granpipe.study.axes import BASE, Axes, Basis, StudyVariant, affordable, study_variants
+from granpipe.study.axes import BASE, Axes, Basis, StudyVariant, affordable, point_variants, study_variants
 from granpipe.study.folder import study_name
 from granpipe.study.inputs import Input, input_variants
 from granpipe.sweep.file import Sweep
@@ -82,14 +82,16 @@ def make_study(
     axes: Axes | None = None,
     rates: Rates | None = None,
     inputs: Sequence[Input] = (),
+    points: Sequence[Mapping[str, str]] = (),
 ) -> Study:
     """The study of a case that some hours on some cores allow; CaseError where not even the case itself is possible.
 
     Parameters
     ----------
-    axes : those to go along, all unless some are named, and their values; none where only inputs are
+    axes : those to go along, all unless some are named, and their values; none where only inputs or points are
     rates : of this machine, where they are known
     inputs : what is known as a range: the case is run at both ends as well
+    points : with several changes of the run's settings each
     """
     if case.vessel is not None:
         raise CaseError("a study is made of outlines only; vary a vessel in space by a sweep", ("vessel",))
@@ -106,8 +108,9 @@ def make_study(
             f"inputs are varied in DEM runs, and this case is a {basis.model}: set model: dem", key=("model",)
         )
     base = StudyVariant("", Variant(BASE, {}))
-    variants = (base,) if inputs and not axes else study_variants(settled, basis, refusal, axes)
-    variants += tuple(input_variants(settled, inputs, refusal))
+    variants = (base,) if (inputs or points) and not axes else study_variants(settled, basis, refusal, axes)
+    variants += (*point_variants(settled, points, refusal), *input_variants(settled, inputs, refusal))
+    variants = tuple({one.variant.name: one for one in reversed(variants)}.values())[::-1]  # once, as what it was first
     forecast = {one.variant.name: forecast_of(_needed(settled, one), rates, cores) for one in variants}
     kept, dropped = affordable(
         variants, lambda one: forecast[one.variant.name] * _busy(_needed(settled, one), cores), hours * 3600 * cores

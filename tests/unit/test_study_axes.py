@@ -19,7 +19,9 @@ from granpipe.study.axes import (
     Basis,
     StudyVariant,
     affordable,
+    point_variants,
     read_axes,
+    read_point,
     study_variants,
 )
 from granpipe.study.points import COARSEST, make_study
@@ -136,6 +138,45 @@ def test_values_of_the_user_take_the_place_of_the_usual_ones(case) -> None:
     (fast,) = along(variants, "plate_speed")
     assert float(fast["dem.max_time"]) == pytest.approx(case.dem.max_time / 2)
     assert {one.axis for one in variants} == {"", "coarse_grain_factor", "plate_speed", "seed"}
+
+
+def test_a_point_may_have_several_changes(case) -> None:
+    changes = read_point("dem.plate_speed=4 cm/s, dem.coarse_grain_factor=1,dem.max_time = 3 s")
+    assert changes == {"dem.plate_speed": "4 cm/s", "dem.coarse_grain_factor": "1", "dem.max_time": "3 s"}
+    (one,) = point_variants(case, [changes], every)
+    made = varied(case, one.variant.changes).dem
+    assert (made.plate_speed, made.coarse_grain_factor, made.max_time) == (0.04, 1, 3)
+    study = make_study(case, 10, 2, points=[changes, {"dem.seed": "5"}])
+    assert [found.axis for found in study.variants] == ["", "point", "point"]
+
+
+def test_a_point_that_is_on_an_axis_as_well_is_run_once(case) -> None:
+    study = make_study(case, 10, 2, read_axes(["seed=5"]), points=[{"dem.seed": "5"}])
+    assert [found.axis for found in study.variants] == ["", "seed"]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("dem.plate_speed", "no value in 'dem.plate_speed'"),
+        ("material.density=3", "material.density is no setting that a point may change"),
+        ("dem.seed=2,dem.seed=3", "dem.seed is given twice"),
+        ("dem.seed=2,", "no value in ''"),
+    ],
+)
+def test_a_point_without_sense_is_refused(words, told) -> None:
+    with pytest.raises(CaseError, match=told) as caught:
+        read_point(words)
+    assert str(caught.value).startswith(f"--point {words}")
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"), [({"dem.seed": "x"}, "x"), ({"dem.coarse_grain_factor": "3"}, "too large for the throat")]
+)
+def test_a_point_that_the_scene_does_not_allow_says_why(case, changes, told) -> None:
+    with pytest.raises(CaseError, match=told) as caught:
+        list(point_variants(case, [changes], no_coarse_graining))
+    assert str(caught.value).startswith("--point dem.")
 
 
 def test_what_does_not_fit_the_scene_is_left_out(case) -> None:
