@@ -60,11 +60,13 @@ study: ready
 
 # bulk density: what DEM measures in the plug; the fluid needs it. One rank: as many points side by side as cores.
 study-reactor: setup
-	$(VENV)/bin/granpipe study cases/reactor.yaml --hours 5 --set 'dem.max_time=16 s' --set dem.ranks=1 \
+	$(VENV)/bin/granpipe study cases/reactor.yaml --hours 8 --set 'dem.max_time=16 s' --set dem.ranks=1 \
 	    --set contact.youngs_modulus=5e6 --set dem.plate_speed=0.024 --set 'dem.reservoir_height=0.846 m' \
 	    --set 'material.bulk_density=553 kg/m^3' --against cases/reactor_paper.yaml \
-	    --axis model=fluid --axis coarse_grain_factor=1,1.25,1.5,1.75 --axis plate_speed=0.06 --axis finest_speed \
-	    --axis youngs_modulus=2.5e6,2e7 --axis mass_scaling --axis seed \
+	    --axis model=fluid --axis coarse_grain_factor=1,1.25,1.5,1.75 --axis plate_speed=0.012,0.06 \
+	    --axis finest_speed --axis youngs_modulus=2.5e6,2e7 --axis mass_scaling \
+	    --axis seed=1001,2001 --axis fillings=youngs_modulus \
+	    --point dem.coarse_grain_factor=1,dem.plate_speed=0.012,contact.youngs_modulus=2e7,dem.max_time=12 \
 	    --reference benchmarks/references/reactor_limit
 	$(VENV)/bin/python benchmarks/study.py results/reactor-study
 
