@@ -19,14 +19,15 @@ HOW_TO_READ = """\
 
 `granpipe study CASE` runs cheaper and more expensive variants of a case, one setting at a time, and measures the
 accuracy and the time of each. `--hours` limits the wall time by the plans' forecasts (the most expensive points are
-dropped and listed), `--axis` chooses settings, with values (`--axis plate_speed=0.05,0.1`) or the usual ones, `--on
-slurm` runs the points on a cluster, `--against CASE` forecasts the time of another case at the measured rate. What is
-done is not repeated; but a point with finer particles makes the common grid finer, and then production starts anew.
+dropped and listed), `--axis` chooses settings, with values (`--axis plate_speed=0.05,0.1`) or the usual ones,
+`--point` adds a point with several changes (`--point dem.coarse_grain_factor=1,dem.plate_speed=0.05`), `--on slurm`
+runs the points on a cluster, `--against CASE` forecasts the time of another case at the measured rate. What is done
+is not repeated; but a point with finer particles makes the common grid finer, and then production starts anew.
 Everything goes to `results/<case>-study`: `report.html`, charts, `options.csv`, `points.csv`, `study.json`. A study
 with other axes replaces them, but keeps what was run. `granpipe sweep status results/<case>-study` shows its points,
 `granpipe sweep cancel` ends them. Points outside granpipe's own rules are marked, as their runs would be; the study's
-own status is 0 all the same. A scene without particles has only its finite elements to compare: their error is not that
-of the fluid as a model.
+own status is 0 all the same. A scene without particles has only its finite elements to compare: their error is not
+that of the fluid as a model.
 
 `granpipe run CASE --total-error 5%` uses the cheapest settings that the study rates within 5 %, and ends when noise and
 systematic error together make 5 %: the noise of every section may be √(5 %² − systematic²), of a proven setting with
@@ -66,13 +67,16 @@ with no more than that is made by `python benchmarks/reactor_limit.py pack RESUL
   the limit. What all settings together let expect stands beside what was measured.
 - What a plate's speed adds depends on the particles: the axis `finest_speed` has the finest ones at every plate speed,
   and the limit goes by these where they are run. On a free surface it should go with v/d^1.5, the flow rate of the
-  layer over d √(g d) ([GDR MiDi 2004](../theory/index.md#references)); in the test reactor 0.024 m/s add 4.5 % with the
-  material's own particles, 2.9 % with ones twice as large.
+  layer over d √(g d) ([GDR MiDi 2004](../theory/index.md#references)); in the test reactor 0.024 m/s add 5.4 % with the
+  material's own particles, 3.5 % with ones twice as large.
 - With `--reference`, settings are also recommended **by the reference alone**: by the difference from it as it is,
   without what its own plate, softness and step add.
-- Points have the seed of the case: beds that are filled alike lie less far apart than others would. The axis `seed` is
-  another filling, the axis `ranks` a third one on two ranks; what they differ from the case beyond the noise, no error
-  bar of a single run sees.
+- Points have the seed of the case. The axis `seed` is another filling, the axis `ranks` a third one on two ranks;
+  what they differ from the case beyond the noise, no error bar of a single run sees. `--axis fillings` repeats the
+  points along all axes that have a limit in the fillings of the axis `seed`, `--axis
+  fillings=youngs_modulus,plate_speed` those of some: then all of them tell what a setting does. Where fields of equal
+  settings lie farther apart than their noise lets expect, noise counts as so much larger in the limit and in what the
+  axes tell; the report says by how much.
 - The reference is not the truth. Its own row of the budget shows its known errors, and the page says which axes the
   study could not tell.
 """

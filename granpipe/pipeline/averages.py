@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from granpipe.case.schema import Case
 from granpipe.errors import DataError
@@ -40,8 +39,8 @@ _STORAGE_ERROR = 0.4
 _NO_FIELD = 1.0
 """Squared error, over the square of the flow, of a start that gives no field."""
 
-_SEEN = 1.0
-"""Fluxes are compared through a Gaussian of so many particle diameters, for finer noise does not reach the field."""
+_SEEN = 2.0
+"""Particle diameters in the boxes over which fluxes are summed to be compared: finer noise does not reach the field."""
 
 
 @dataclass(frozen=True)
@@ -178,20 +177,21 @@ def _steady_start(segments: list[Sums], plan: Plan) -> float:
     solids gather or leave, which adds to its error. A start from which there is no field for that is taken only where
     no start in the first half gives one.
     """
-    products, size = _compared(segments, _SEEN * plan.dem.classes.sauter_diameter / segments[0].grid.cell)
+    width = max(1, round(_SEEN * plan.dem.classes.sauter_diameter / segments[0].grid.cell))
+    products, size = _compared(segments, width)
     gathered = _gathered(segments, plan)
     more = size * (_STORAGE_ERROR * gathered) ** 2
     return segments[onset(products, np.where(gathered < MOST_STORAGE, more, more + _NO_FIELD * size))].start
 
 
-def _compared(segments: list[Sums], width: float) -> tuple[Array, float]:
+def _compared(segments: list[Sums], width: int) -> tuple[Array, float]:
     """(n, n) products with each other of what the segments' fluxes differ from their mean by, and the mean's square.
 
     Area by area, as they count in the error of a field.
 
     Parameters
     ----------
-    width : of the Gaussian through which fluxes are seen, in cells
+    width : of the boxes over which fluxes are summed, in cells
     """
     grid, size, products = segments[0].grid, 0.0, np.zeros((len(segments), len(segments)))
     directions = [
@@ -202,13 +202,21 @@ def _compared(segments: list[Sums], width: float) -> tuple[Array, float]:
         along_y = [sums.mean_flux_y for sums in segments]
         directions.append(([flux for flux in along_y if flux is not None], np.asarray(grid.front_area)))
     for fluxes, area in directions:
-        seen = [ndimage.gaussian_filter(flux, width, mode="constant") for flux in fluxes]
-        scaled = np.array([(flux * np.sqrt(area)).ravel() for flux in seen])
+        areas = _box_sums(np.broadcast_to(area, fluxes[0].shape), width)
+        flows = np.array([_box_sums(flux * area, width).ravel() for flux in fluxes])
+        scaled = flows / np.sqrt(np.where(areas > 0, areas, 1.0)).ravel()
         mean = scaled.mean(axis=0)
         scaled -= mean
         size += float(mean @ mean)
         products += scaled @ scaled.T
     return products, size
+
+
+def _box_sums(values: Array, width: int) -> Array:
+    """Sums over boxes of so many cells in every direction; those at the ends may be smaller."""
+    for axis in range(values.ndim):
+        values = np.add.reduceat(values, np.arange(0, values.shape[axis], width), axis=axis)
+    return values
 
 
 def _gathered(segments: list[Sums], plan: Plan) -> Array:
