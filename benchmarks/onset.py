@@ -198,12 +198,12 @@ STARTS = {"MSER-5, in half of the run": former_start, SERIES: start_by_series, "
 
 
 def ends(folders: Sequence[Path]) -> Iterator[list[str]]:
-    """Rows: run, its end [s], start; share of the time after a faster start that is averaged, independent blocks,
-    statistical error as told, difference from the reference. At last the RMS of these by start, of the ends at which
-    every start gives a field, and how many these are.
+    """Rows: run, its end [s]; by start: share of the time after a faster start that is averaged, independent blocks,
+    statistical error as told, difference from the reference. At last the RMS of both of the ends at which every start
+    gives a field, and how many these are; and how many fields each start gives.
     """
     reference = read_run(REFERENCE)
-    told: dict[str, list[Array]] = {name: [] for name in STARTS}
+    found: list[dict[str, Array]] = []
     for folder in folders:
         plan, production = _finished(folder)
         finished = FinishedRun(plan, (production,))
@@ -211,34 +211,29 @@ def ends(folders: Sequence[Path]) -> Iterator[list[str]]:
         diameter = max(plan.dem.classes.sauter_diameter, reference.plan.dem.classes.sauter_diameter)
         begun, stop = plan.dem.average_from, finished.segments[-1].stop
         for end in (begun + share * (stop - begun) for share in SHARES):
-            rows = []
+            told: dict[str, Array] = {}
             for name, rule in STARTS.items():
                 try:
                     with mock.patch.object(averages, "_steady_start", rule):
                         steady = finished.until(end)
                     made = field_of(plan, steady)
                 except DataError:  # too few segments, or the filling still changes too fast
-                    yield [folder.name, f"{end:.1f}", name, "no field", "", "", ""]
                     continue
                 off = compare(truth, made.field, plan.case.outline.levels, diameter)[0].observed
                 averaged = sum(one.duration for one in steady) / (end - begun)
-                rows.append((name, averaged, made.blocks, made.errors(plan.case)["whole"], off))
-            for name, averaged, blocks, noise, off in rows:
-                yield [
-                    folder.name,
-                    f"{end:.1f}",
-                    name,
-                    f"{averaged:.0%}",
-                    f"{blocks:.0f}",
-                    f"{noise:.1%}",
-                    f"{off:.1%}",
-                ]
-                if len(rows) == len(STARTS):
-                    told[name].append(np.array([averaged, blocks, noise, off]))
-    for name, figures in told.items():
-        averaged, blocks = np.mean(figures, axis=0)[:2]
-        noise, off = np.sqrt(np.mean(np.square(figures), axis=0))[2:]
-        yield ["all", f"{len(figures)} ends", name, f"{averaged:.0%}", f"{blocks:.0f}", f"{noise:.1%}", f"{off:.1%}"]
+                told[name] = np.array([averaged, made.blocks, made.errors(plan.case)["whole"], off])
+            found.append(told)
+            yield [folder.name, f"{end:.1f}", *(_ended(told[name]) if name in told else "no field" for name in STARTS)]
+    common = [told for told in found if len(told) == len(STARTS)]
+    figures = {name: np.array([told[name] for told in common]) for name in STARTS}
+    means = [np.r_[one[:, :2].mean(axis=0), np.sqrt((one[:, 2:] ** 2).mean(axis=0))] for one in figures.values()]
+    yield ["all", f"{len(common)} ends", *map(_ended, means)]
+    yield ["fields", f"of {len(found)}", *(str(sum(name in told for told in found)) for name in STARTS)]
+
+
+def _ended(figures: Array) -> str:
+    averaged, blocks, noise, off = figures
+    return f"{averaged:.0%}, {blocks:.0f}, {noise:.1%}, {off:.1%}"
 
 
 def _finished(folder: Path) -> tuple[Plan, Production]:
