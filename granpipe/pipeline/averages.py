@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -174,14 +174,16 @@ def _steady_start(segments: list[Sums], plan: Plan) -> float:
     """Where averaging begins [s]: from where on the error of the field is expected to be least.
 
     Flow above an obstacle comes in bursts. An average that holds more rests than bursts, or more bursts than rests, has
-    solids gather or leave, which adds to its error. A start from which there is no field for that is taken only where
-    no start in the first half gives one.
+    solids gather or leave, which adds to its error. A start from which the ψ fit gives no field for that is taken only
+    where no start in the first half gives one.
     """
     width = max(1, round(_SEEN * plan.dem.classes.sauter_diameter / segments[0].grid.cell))
     products, size = _compared(segments, width)
     gathered = _gathered(segments, plan)
-    more = size * (_STORAGE_ERROR * gathered) ** 2
-    return segments[onset(products, np.where(gathered < MOST_STORAGE, more, more + _NO_FIELD * size))].start
+    more = (_STORAGE_ERROR * gathered) ** 2
+    if plan.space is None and plan.case.homogenize.method == "psi":
+        more += np.where(gathered < MOST_STORAGE, 0.0, _NO_FIELD)
+    return segments[onset(products, size * more)].start
 
 
 def _compared(segments: list[Sums], width: int) -> tuple[Array, float]:
@@ -194,17 +196,17 @@ def _compared(segments: list[Sums], width: int) -> tuple[Array, float]:
     width : of the boxes over which fluxes are summed, in cells
     """
     grid, size, products = segments[0].grid, 0.0, np.zeros((len(segments), len(segments)))
-    directions = [
-        ([sums.mean_flux[0] for sums in segments], grid.side_area),
-        ([sums.mean_flux[1] for sums in segments], grid.ring_area),
+    directions: list[tuple[Callable[[Sums], Array | None], Array | float]] = [
+        (lambda sums: sums.flow_r, grid.side_area),
+        (lambda sums: sums.flow_z, grid.ring_area),
     ]
-    if isinstance(grid, Box):
-        along_y = [sums.mean_flux_y for sums in segments]
-        directions.append(([flux for flux in along_y if flux is not None], np.asarray(grid.front_area)))
-    for fluxes, area in directions:
-        areas = _box_sums(np.broadcast_to(area, fluxes[0].shape), width)
-        flows = np.array([_box_sums(flux * area, width).ravel() for flux in fluxes])
-        scaled = flows / np.sqrt(np.where(areas > 0, areas, 1.0)).ravel()
+    if isinstance(grid, Box) and not grid.flat:
+        directions.append((lambda sums: sums.flow_y, grid.front_area))
+    for through, area in directions:  # of a grid in space only the boxes are held
+        known = [(flow, sums.weight) for sums in segments if (flow := through(sums)) is not None]
+        areas = _box_sums(np.broadcast_to(area, known[0][0].shape), width)
+        flows = [_box_sums(flow, width) / weight for flow, weight in known]
+        scaled = np.array([(flow / np.sqrt(np.where(areas > 0, areas, 1.0))).ravel() for flow in flows])
         mean = scaled.mean(axis=0)
         scaled -= mean
         size += float(mean @ mean)
@@ -222,7 +224,7 @@ def _box_sums(values: Array, width: int) -> Array:
 def _gathered(segments: list[Sums], plan: Plan) -> Array:
     """(n,) largest part of the flow that gathers between the plug and any level, from each segment to the end.
 
-    In space, where there is no plug, between the bottom and any level; 0 where nothing flows down.
+    In space, where there is no plug, between the bottom and any level. 1 where nothing flows down but something moves.
     """
     grid = segments[0].grid
     levels = np.arange(len(grid.z_edges)) == 0
@@ -233,8 +235,9 @@ def _gathered(segments: list[Sums], plan: Plan) -> Array:
     gained -= gained[:, levels].mean(axis=1, keepdims=True)
     passed = duration * np.array([sums.level_flow[:, levels].mean() for sums in segments])
     gained, passed = gained[::-1].cumsum(axis=0)[::-1], passed[::-1].cumsum()[::-1]
-    part = np.divide(np.abs(gained).max(axis=1), passed, out=np.zeros(len(segments)), where=passed > 0)
-    return np.asarray(part)
+    most = np.abs(gained).max(axis=1)
+    moves = (most > 0) | (passed != 0)
+    return np.asarray(np.divide(most, passed, out=moves.astype(float), where=passed > 0))
 
 
 def reference_plug(

@@ -173,7 +173,8 @@ def point_variants(case: Case, points: Iterable[Mapping[str, str]], refusal: Ref
     for changes in points:
         place = f"--point {','.join(f'{key}={value}' for key, value in changes.items())}"
         try:
-            varied(case, changes)
+            if varied(case, changes).model_dump() == case.model_dump():
+                raise CaseError("this is the case itself; that is the point base")
             error = refusal(variant := Variant(name_of(changes), dict(changes)))
         except CaseError as wrong:
             error = wrong
@@ -201,7 +202,7 @@ def study_variants(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None
     for axis in (axis for axis in usual if axes.get(axis)):
         for value in dict.fromkeys(axes[axis]):
             single.append(_wanted(case, basis, refusal, axis, value))
-    repeated = axes.get(FILLINGS) or [axis for axis in _REPEATED if axis in (axes or usual)]
+    repeated = _repeated(axes)
     more = [*_combined(case, single), *_fillings(single, repeated)]
     variants = [*single, *(one for one in more if refusal(one.variant) is None)]
     if not axes:
@@ -209,7 +210,15 @@ def study_variants(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None
     for axis in axes:
         if not any(one.axis == axis for one in variants):
             raise CaseError(f"this case allows no variant along {axis}", place="--axis")
-    return tuple(one for one in variants if not one.axis or one.axis in axes)
+    kept = {"", *axes, *repeated, *([SEED] if repeated else [])}
+    return tuple(one for one in variants if one.axis in kept)
+
+
+def _repeated(axes: Axes) -> Sequence[str]:
+    """The axes whose points are run in other fillings too, only where that is asked for: it takes as long again."""
+    if FILLINGS not in axes:
+        return ()
+    return axes[FILLINGS] or [axis for axis in _REPEATED if axis in axes] or _REPEATED
 
 
 def _wanted(case: Case, basis: Basis, refusal: Refusal, axis: str, value: str) -> StudyVariant:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -546,6 +547,11 @@ class Comparison:
         squares = [(apart.observed / apart.noise) ** 2 for apart in found if apart.noise > 0]
         return float(np.sqrt(np.mean(squares))) if squares else None
 
+    @property
+    def _noise(self) -> float:
+        """By how much squares of noise are larger than runs tell, as their fillings do."""
+        return max(1.0, self.scatter or 1.0) ** 2
+
     @cached_property
     def finest_speed(self) -> AxisSlope | None:
         """How the field of the finest particles changes with the plate's speed, where two points or more tell."""
@@ -558,7 +564,7 @@ class Comparison:
 
     def _slope(self, name: str, axis: str, along: Sequence[StudyPoint]) -> AxisSlope:
         points = [AxisPoint(point.setting[axis], point.field, point.name) for point in along]
-        return AxisSlope.of(name, points, self._limit(axis))
+        return AxisSlope.of(name, points, self._limit(axis), self._noise)
 
     def _slopes_near(self, point: StudyPoint) -> dict[str, AxisSlope]:
         """The slopes by points whose particles are as large as those of this one as may be."""
@@ -617,7 +623,7 @@ class Comparison:
         """Size of a sum of fields over the whole and each section, relative to the reference, its noise taken off."""
         best = self.reference.field
         velocity, variance = total(terms, best.grid)
-        variance *= max(1.0, self.scatter or 1.0) ** 2
+        variance *= self._noise
         cells = Cells(weight, (middles(best) ** 2).sum(axis=0), (velocity**2).sum(axis=0), variance)
         shared = max(1.0, (max(point.diameter, self.reference.diameter) / best.grid.cell) ** 2)
         rows = section_rows(best.grid, self.levels)
@@ -639,9 +645,9 @@ def _reference_point(case: Case, earlier: EarlierRun, plan: Plan) -> StudyPoint:
     )
 
 
-def _runs(point: StudyPoint) -> dict[str, str]:
-    """What of a point's changes makes its runs what they are, but for how many they are and how long."""
-    return {key: value for key, value in point.changes.items() if key not in ("dem.replicas", "dem.max_time")}
+def _runs(point: StudyPoint) -> dict[str, Any]:
+    """What makes a point's runs what they are, but for how many they are and how long, and on how many ranks."""
+    return point.plan.case.model_dump(exclude={"dem": {"replicas", "max_time", "ranks"}, "homogenize": {"start"}})
 
 
 def _axis(point: StudyPoint) -> str:
@@ -649,9 +655,11 @@ def _axis(point: StudyPoint) -> str:
     return repeated_axis(point.changes) if point.axis in (SEED, FILLINGS) else point.axis
 
 
-def _bed(point: StudyPoint) -> dict[str, str]:
-    """What of a point's changes makes its runs what they are, but for their filling."""
-    return {key: value for key, value in _runs(point).items() if key != "dem.seed"}
+def _bed(point: StudyPoint) -> dict[str, Any]:
+    """What makes a point's runs what they are, but for their filling."""
+    runs = _runs(point)
+    del runs["dem"]["seed"]
+    return runs
 
 
 def _accuracy_order(point: StudyPoint) -> tuple[float, float, float]:

@@ -27,7 +27,8 @@ class Slope:
     ----------
     order : p
     parts : (n,) of each point's values in c
-    misfit : Σ of squares of what the line leaves, over what the variances let expect; NaN for two points
+    misfit : Σ of squares of what the line leaves, over what the variances let expect; NaN for two settings, through
+        which any power goes alike
     """
 
     order: float
@@ -40,7 +41,7 @@ class Slope:
 
 
 def fit_slope(x: Sequence[float], values: Array, variances: Array, weight: Array) -> Slope:
-    """The slope over two or more points.
+    """The slope over points of two or more settings.
 
     Points are weighted by their mean variance, so that the slope is linear in the values.
 
@@ -66,5 +67,5 @@ def _fit(x: Array, order: float, values: Array, variances: Array, weight: Array)
     level, slope = (np.tensordot(parts, values, 1) for parts in (importance / importance.sum(), part))
     rest = values - level - slope * (power - centre).reshape(-1, *[1] * slope.ndim)
     left = ((rest**2).sum(axis=1) * weight).reshape(len(x), -1).sum(axis=1) @ importance / scale
-    misfit = float(left / (len(x) - 2)) if len(x) > 2 else np.nan
+    misfit = float(left / (len(x) - 2)) if len(np.unique(x)) > 2 else np.nan
     return Slope(order, part, misfit)

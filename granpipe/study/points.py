@@ -110,7 +110,7 @@ def make_study(
     base = StudyVariant("", Variant(BASE, {}))
     variants = (base,) if (inputs or points) and not axes else study_variants(settled, basis, refusal, axes)
     variants += (*point_variants(settled, points, refusal), *input_variants(settled, inputs, refusal))
-    variants = tuple({one.variant.name: one for one in reversed(variants)}.values())[::-1]  # once, as what it was first
+    variants = _once(settled, variants)
     forecast = {one.variant.name: forecast_of(_needed(settled, one), rates, cores) for one in variants}
     kept, dropped = affordable(
         variants, lambda one: forecast[one.variant.name] * _busy(_needed(settled, one), cores), hours * 3600 * cores
@@ -118,6 +118,22 @@ def make_study(
     cell = _common_cell([_needed(settled, one) for one in kept])
     settled = varied(settled, {"homogenize.cell": repr(cell)})
     return Study(settled, tuple(kept), tuple(dropped), forecast)
+
+
+def _once(case: Case, variants: Sequence[StudyVariant]) -> tuple[StudyVariant, ...]:
+    """Variants of the same settings once, as what they are first; others of the same name with another one."""
+    found: list[StudyVariant] = []
+    seen: list[object] = []
+    for one in variants:
+        settings = varied(case, {"dem.ranks": "1"} | one.variant.changes).model_dump()
+        if settings in seen:
+            continue
+        seen.append(settings)
+        name = one.variant.name
+        while name in {other.variant.name for other in found}:
+            name += f"-{one.axis}"
+        found.append(replace(one, variant=replace(one.variant, name=name)))
+    return tuple(found)
 
 
 def _basis(case: Case, plans: Mapping[Model, Plan | CaseError]) -> Basis:

@@ -369,7 +369,7 @@ def _scatter_text(scatter: float | None) -> Iterator[str]:
 
 def _axis_fit_text(fit: AxisFit) -> str:
     if fit.misfit is None:
-        return f"{fit.axis}: two points, first order assumed."
+        return f"{fit.axis}: {fit.points} points at two settings, first order assumed."
     judgement = "no power of the setting describes them" if fit.misfit > _NO_POWER else "within the noise"
     return f"{fit.axis}: {fit.points} points, order {fit.order:g}, misfit {fit.misfit:.2g} ({judgement})."
 

@@ -97,18 +97,23 @@ class AxisSlope:
     weight: Array
 
     @classmethod
-    def of(cls, axis: str, points: Sequence[AxisPoint], limit: float) -> AxisSlope:
-        """From two points or more with different settings."""
+    def of(cls, axis: str, points: Sequence[AxisPoint], limit: float, noise: float = 1.0) -> AxisSlope:
+        """From points of two settings or more.
+
+        Parameters
+        ----------
+        noise : square of it, over that of the fields' standard errors
+        """
         unit = max(point.setting for point in points)
         bulk = np.all([point.field.bulk for point in points], axis=0)
         weight = np.where(bulk, points[0].field.grid.ring_area, 0.0)
         slope = fit_slope(
             [point.setting / unit for point in points],
             np.array([middles(point.field) for point in points]),
-            np.array([error_squares(point.field) for point in points]),
+            noise * np.array([error_squares(point.field) for point in points]),
             weight,
         )
-        misfit = slope.misfit if len(points) > 2 else None
+        misfit = None if np.isnan(slope.misfit) else slope.misfit
         return cls(AxisFit(axis, len(points), slope.order, misfit), slope, tuple(points), limit, weight)
 
     def change(self, setting: float, other: float) -> list[Term]:

@@ -12,7 +12,7 @@ from fakes.sums import NOTHING
 
 from granpipe.case.reader import load_case
 from granpipe.errors import DataError
-from granpipe.field import Grid
+from granpipe.field import Box, Grid
 from granpipe.homogenize.average import Sums
 from granpipe.homogenize.psi_field import MOST_STORAGE
 from granpipe.pipeline.averages import after_transient
@@ -79,6 +79,38 @@ def test_a_start_that_gives_no_field_is_not_taken_where_another_gives_one(tiny: 
     kept = after_transient(flowing(plan, [1.05] * 6 + [1.0] * 30, gains), plan)
     assert abs(sum(one.gain.sum() for one in kept)) < MOST_STORAGE * through * len(kept)
     assert len(kept) in (36, *range(18, 23))
+
+
+def test_a_start_after_which_nothing_flows_down_is_not_taken(tiny: Path) -> None:
+    """The last half flows up a little: from there alone there would be no field."""
+    plan = faster(tiny, "auto")
+    kept = after_transient(flowing(plan, [1.0] * 20 + [-0.01] * 20, [0.0] * 40), plan)
+    assert len(kept) > 20
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_a_vessel_that_is_not_round_has_a_start_as_well(tiny: Path, flat: bool) -> None:
+    plan = faster(tiny, "auto")
+    grid = Box.within((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.4), 0.02, flat=flat, cut=False)
+    cells, rng = np.ones(grid.shape), np.random.default_rng(6)
+    faces = {
+        "flow_r": np.zeros((*grid.shape[:-1], grid.shape[-1] + 1)),
+        "flow_y": None if flat else np.zeros((grid.shape[0], grid.shape[1] + 1, grid.shape[2])),
+    }
+    after = segments_of(plan, plan.dem.segments_left_out + 30)[-30:]
+    made = [
+        replace(
+            one,
+            grid=grid,
+            **faces,
+            flow_z=-flow * grid.ring_area * rng.normal(1.0, 0.2, (grid.shape[0] + 1, *grid.shape[1:])),
+            volume=0 * cells,
+            level_flow=np.full((1, grid.shape[0] + 1), flow),
+            gain=0 * cells,
+        )
+        for one, flow in zip(after, [1.5] * 8 + [1.0] * 22, strict=True)
+    ]
+    assert len(after_transient(made, plan)) == 22
 
 
 @pytest.mark.parametrize("start", ["auto", "0 s"])

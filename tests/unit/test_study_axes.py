@@ -125,6 +125,15 @@ def test_points_along_axes_with_a_limit_are_run_in_every_other_filling(case) -> 
     assert len(along(some, FILLINGS)) == 2
 
 
+def test_other_fillings_come_with_their_originals_and_only_where_they_are_asked_for(case) -> None:
+    assert not along(study_variants(case, BASIS, every), FILLINGS)
+    assert not along(study_variants(case, BASIS, every, read_axes(["plate_speed=0.05", "seed=7"])), FILLINGS)
+    alone = study_variants(case, BASIS, every, read_axes([f"{FILLINGS}=plate_speed"]))
+    assert {one.axis for one in alone} == {"", "plate_speed", "seed", FILLINGS}
+    every_axis = study_variants(case, BASIS, every, read_axes([FILLINGS]))
+    assert {one.axis for one in every_axis} >= {"coarse_grain_factor", "youngs_modulus", "time_step", "plate_speed"}
+
+
 def test_facets_of_other_walls_can_be_quartered(case) -> None:
     facets = [int(changes["dem.facets"]) for changes in along(study_variants(case, BASIS, every), "facets")]
     assert facets == [8, 32]
@@ -150,9 +159,15 @@ def test_a_point_may_have_several_changes(case) -> None:
     assert [found.axis for found in study.variants] == ["", "point", "point"]
 
 
-def test_a_point_that_is_on_an_axis_as_well_is_run_once(case) -> None:
-    study = make_study(case, 10, 2, read_axes(["seed=5"]), points=[{"dem.seed": "5"}])
+@pytest.mark.parametrize("same", [{"dem.seed": "5"}, {"dem.seed": "5", "dem.ranks": "1"}])
+def test_a_point_that_is_on_an_axis_as_well_is_run_once(case, same) -> None:
+    study = make_study(case, 10, 2, read_axes(["seed=5"]), points=[same])
     assert [found.axis for found in study.variants] == ["", "seed"]
+
+
+def test_a_point_with_the_name_of_one_on_an_axis_but_other_settings_is_run(case) -> None:
+    study = make_study(case, 10, 2, read_axes(["plate_speed=0.05"]), points=[{"dem.plate_speed": "0.05"}])
+    assert [one.variant.name for one in study.variants] == [BASE, "plate_speed-0_05", "plate_speed-0_05-point"]
 
 
 @pytest.mark.parametrize(
@@ -171,7 +186,12 @@ def test_a_point_without_sense_is_refused(words, told) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"), [({"dem.seed": "x"}, "x"), ({"dem.coarse_grain_factor": "3"}, "too large for the throat")]
+    ("changes", "told"),
+    [
+        ({"dem.seed": "x"}, "x"),
+        ({"dem.coarse_grain_factor": "3"}, "too large for the throat"),
+        ({"dem.seed": "1"}, "that is the point base"),
+    ],
 )
 def test_a_point_that_the_scene_does_not_allow_says_why(case, changes, told) -> None:
     with pytest.raises(CaseError, match=told) as caught:

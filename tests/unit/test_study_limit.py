@@ -39,6 +39,16 @@ def test_two_points_are_taken_as_first_order() -> None:
     assert np.allclose(np.tensordot(found.parts, values, 1), slope)
 
 
+def test_points_in_several_fillings_at_two_settings_tell_no_order() -> None:
+    """Noise that is told half as large as it is would be taken for a misfit of the first."""
+    x = (0.5, 0.5, 0.5, 1.0, 1.0, 1.0)
+    for seed in range(50):
+        _, values, variances = values_along(x, 1.0, seed)
+        found = fit_slope(x, values, variances / 4, WEIGHT)
+        assert found.order == 1
+        assert np.isnan(found.misfit)
+
+
 def test_the_error_bar_is_that_of_repeated_axes() -> None:
     """One of the points is four times as noisy as the others, and counts less."""
     x = (0.3, 0.5, 0.8, 1.0)

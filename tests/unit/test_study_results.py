@@ -159,6 +159,22 @@ def test_noise_counts_as_fillings_differ_where_they_differ_by_more_than_it() -> 
     assert study(0.01).scatter is None
 
 
+def test_noise_that_is_told_too_small_is_not_taken_for_the_second_order() -> None:
+    made = in_other_fillings(0.05, 0.1, 7)
+    slow = {"dem.plate_speed": "0.01", "dem.max_time": "16"}
+    third = point("slow", "plate_speed", slow, 0.1, 90)
+    assert third.field.flux_z_se is not None
+    third = replace(third, field=replace(third.field, flux_z_se=third.field.flux_z_se / 2))
+    fit = Comparison(CASE, [*made.points, third]).slopes["plate_speed"].fit
+    assert fit.order == 1
+    assert fit.misfit == pytest.approx(1, abs=0.3)
+
+
+def test_a_run_that_is_only_longer_is_no_other_filling() -> None:
+    points = [point(BASE, "", {}, 0.1, 1), point("longer", "point", {"dem.max_time": "20"}, 0.1, 1)]
+    assert Comparison(CASE, points).scatter is None
+
+
 def test_differences_from_the_limit_are_added_as_fields_not_by_their_sizes() -> None:
     """The slow point is coarser than the reference, and on the limit's side of it by its plate."""
     made = study(0.0005)
