@@ -647,7 +647,8 @@ def _reference_point(case: Case, earlier: EarlierRun, plan: Plan) -> StudyPoint:
 
 def _runs(point: StudyPoint) -> dict[str, Any]:
     """What makes a point's runs what they are, but for how many they are and how long, and on how many ranks."""
-    return point.plan.case.model_dump(exclude={"dem": {"replicas", "max_time", "ranks"}, "homogenize": {"start"}})
+    apart = {"name": True, "dem": {"replicas", "max_time", "ranks"}, "homogenize": {"start"}}
+    return point.plan.case.model_dump(exclude=apart)
 
 
 def _axis(point: StudyPoint) -> str:

@@ -135,7 +135,11 @@ def in_other_fillings(told: float, scatter: float, seed: int) -> Comparison:
         quick = point(f"fast{number}", FILLINGS if more else "plate_speed", fast | more, scatter, seed + 2 * number + 1)
         for one in (slow, quick):
             assert one.field.flux_z_se is not None
-            points.append(replace(one, field=replace(one.field, flux_z_se=one.field.flux_z_se * told / scatter)))
+            named = replace(
+                one.plan, case=one.plan.case.model_copy(update={"name": one.name})
+            )  # as in a study's folder
+            field = replace(one.field, flux_z_se=one.field.flux_z_se * told / scatter)
+            points.append(replace(one, plan=named, field=field))
     return Comparison(CASE, points)
 
 
