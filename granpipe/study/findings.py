@@ -647,8 +647,9 @@ def _reference_point(case: Case, earlier: EarlierRun, plan: Plan) -> StudyPoint:
 
 def _runs(point: StudyPoint) -> dict[str, Any]:
     """What makes a point's runs what they are, but for how many they are and how long, and on how many ranks."""
-    apart = {"name": True, "dem": {"replicas", "max_time", "ranks"}, "homogenize": {"start"}}
-    return point.plan.case.model_dump(exclude=apart)
+    return point.plan.case.model_dump(
+        exclude={"name": True, "dem": {"replicas", "max_time", "ranks"}, "homogenize": {"start"}}
+    )
 
 
 def _axis(point: StudyPoint) -> str:
