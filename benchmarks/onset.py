@@ -151,17 +151,18 @@ def former_start(segments: list[Sums], plan: Plan) -> float:
     """Where averaging began [s]: after the onset of MSER-5, in the first half, where the filling changes least."""
     whole = merge(segments)
     begun = float(whole.time[mser5(whole.level_flow, whole.solids, whole.kinetic)])
-    latest = max(begun, 0.5 * (segments[0].start + segments[-1].stop))
-    first = [i for i, one in enumerate(segments) if begun - one.duration < one.start <= latest] or [0]
-    net = _gathered(segments, plan)
-    return segments[min(first, key=lambda i: float(net[i]))].start
+    return _least_gathering(segments, plan, begun, max(begun, 0.5 * (segments[0].start + segments[-1].stop)))
 
 
 def start_by_series(segments: list[Sums], plan: Plan) -> float:
     """Where averaging began [s]: at the onset of these series, or up to an eighth of the rest later."""
     whole = merge(segments)
     begun = float(whole.time[least_error(whole.level_flow, whole.solids, whole.kinetic)])
-    latest = begun + (segments[-1].stop - begun) / 8
+    return _least_gathering(segments, plan, begun, begun + (segments[-1].stop - begun) / 8)
+
+
+def _least_gathering(segments: list[Sums], plan: Plan, begun: float, latest: float) -> float:
+    """Of the starts between two times [s], the one from which on the filling changes least to the end."""
     first = [i for i, one in enumerate(segments) if begun - one.duration < one.start <= latest] or [0]
     net = _gathered(segments, plan)
     return segments[min(first, key=lambda i: float(net[i]))].start

@@ -57,6 +57,12 @@ def onset(products: Array, more: Array | float = 0.0) -> int:
     return int(np.argmin(bias + variance + np.broadcast_to(more, count)[: half + 1]))
 
 
+def _centred(products: Array) -> Array:
+    """Products of samples with each other, of what they differ from their mean by."""
+    means = products.mean(axis=0)
+    return np.asarray(products - means - means[:, None] + means.mean())
+
+
 def blocks(segments: Sequence[Sums], least: int = LEAST_BLOCKS) -> list[Sums]:
     """Join neighbouring segments of each run into the longest equal blocks that leave at least `least` of them.
 
@@ -97,14 +103,8 @@ def effective_samples(values: Array, run: NDArray[np.int64]) -> float:
     return _effective(deviation @ deviation.T, run)
 
 
-def _centred(products: Array) -> Array:
-    """Products of samples with each other, of what they differ from their mean by."""
-    means = products.mean(axis=0)
-    return np.asarray(products - means - means[:, None] + means.mean())
-
-
 def _effective(products: Array, run: NDArray[np.int64]) -> float:
-    """The same by the products (n, n) of the samples' deviations from their mean."""
+    """`effective_samples` by the products (n, n) of the samples' deviations from their mean."""
     count = len(products)
     same = run[:, None] == run
     lagged = [np.diagonal(products, lag)[np.diagonal(same, lag)] for lag in range(count // 2)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -196,16 +196,12 @@ def _compared(segments: list[Sums], width: int) -> tuple[Array, float]:
     width : of the boxes over which fluxes are summed, in cells
     """
     grid, size, products = segments[0].grid, 0.0, np.zeros((len(segments), len(segments)))
-    directions: list[tuple[Callable[[Sums], Array | None], Array | float]] = [
-        (lambda sums: sums.flow_r, grid.side_area),
-        (lambda sums: sums.flow_z, grid.ring_area),
-    ]
+    faces: dict[str, Array | float] = {"flow_r": grid.side_area, "flow_z": grid.ring_area}
     if isinstance(grid, Box) and not grid.flat:
-        directions.append((lambda sums: sums.flow_y, grid.front_area))
-    for through, area in directions:  # of a grid in space only the boxes are held
-        known = [(flow, sums.weight) for sums in segments if (flow := through(sums)) is not None]
-        areas = _box_sums(np.broadcast_to(area, known[0][0].shape), width)
-        flows = [_box_sums(flow, width) / weight for flow, weight in known]
+        faces["flow_y"] = grid.front_area
+    for name, area in faces.items():  # of a grid in space only the boxes are held
+        flows = [_box_sums(getattr(sums, name), width) / sums.weight for sums in segments]
+        areas = _box_sums(np.broadcast_to(area, getattr(segments[0], name).shape), width)
         scaled = np.array([(flow / np.sqrt(np.where(areas > 0, areas, 1.0))).ravel() for flow in flows])
         mean = scaled.mean(axis=0)
         scaled -= mean
