@@ -2,7 +2,9 @@
 
 import errno
 import re
+import shutil
 import stat
+import subprocess
 import sys
 import time
 import tomllib
@@ -44,6 +46,24 @@ def test_every_dependency_is_looked_up() -> None:
 def test_setup_installs_every_library_that_the_doctor_names() -> None:
     lines = [tuple(line.split()) for line in (ROOT / ".ci/setup").read_text().splitlines()]
     assert {line for line in lines if len(line) == 2 and ".so." in line[0]} == set(doctor.DEBIAN.items())
+
+
+@pytest.mark.parametrize("linked", [True, False])
+def test_setup_empties_no_folder_that_is_not_its_own(tmp_path: Path, linked: bool) -> None:
+    checkout, other = tmp_path / "checkout", tmp_path / "other"
+    (checkout / ".ci").mkdir(parents=True)
+    for name in (".ci/setup", "requirements.lock", "pyproject.toml"):
+        shutil.copy(ROOT / name, checkout / name)
+    if linked:
+        other.mkdir()
+        (checkout / ".venv").symlink_to(other)
+    else:
+        (checkout / ".venv").mkdir()
+    (checkout / ".venv/mine").write_text("kept")
+    done = subprocess.run([checkout / ".ci/setup"], capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 1
+    assert "is not emptied" in done.stderr
+    assert (checkout / ".venv/mine").read_text() == "kept"
 
 
 def finding(name: str, folder: Path | None = None) -> Finding:
