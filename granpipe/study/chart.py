@@ -16,32 +16,23 @@ DURATIONS = (
 )
 """Seconds of a unit, its name, and where an axis of times has its ticks in it."""
 
+_OTHERS = {"marker": ".", "color": "0.7", "markersize": 4, "linewidth": 0.6}
+
 
 @own_style({})
 def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
     """Total error of the whole against wall time × cores, on logarithmic axes.
 
-    One line per point and method, over the lengths of its average. Bars reach up to the 95 % bound.
+    One line per point and method, over the lengths of its average. Bars reach up to the 95 % bound. Only the reference
+    and what is on the front are told apart: a study may have dozens of others.
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
+    front, lines = pareto(options), _lines(options)
+    on_front = {(option.point, option.method) for option in front}
+    told = [line for line in lines if line in on_front or line[0] == reference]
+    figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     axes: Any = figure.subplots()
-    for number, ((point, method), line) in enumerate(_lines(options).items()):
-        errors = [option.error() for option in line]
-        axes.errorbar(
-            [option.core_seconds for option in line],
-            [error.value for error in errors],
-            yerr=[[0.0] * len(errors), [error.upper - error.value for error in errors]],
-            marker="os^vD<>ph*"[number % 10],
-            color=f"C{number % 10}",
-            markersize=4,
-            linewidth=0.8,
-            capsize=2,
-            linestyle="--" if point == reference else "-" if method == "psi" else ":",
-            label=f"{point}, {method}" + (" (reference)" if point == reference else ""),
-        )
-    front = pareto(options)
     axes.step(
         [option.core_seconds for option in front],
         [option.error().upper for option in front],
@@ -51,17 +42,47 @@ def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
         alpha=0.5,
         label="front of the 95 % bounds",
     )
+    highest = 0.0
+    for name in sorted(lines, key=told.__contains__):
+        errors = [option.error() for option in lines[name]]
+        highest = max(highest, *(error.value for error in errors))
+        axes.errorbar(
+            [option.core_seconds for option in lines[name]],
+            [error.value for error in errors],
+            yerr=[[0.0] * len(errors), [error.upper - error.value for error in errors]],
+            **_style(name, told, reference),
+        )
+    if len(told) < len(lines):
+        axes.plot([], [], **_OTHERS, label="other options")
     for tolerance in TOLERANCES:
         axes.axhline(tolerance, color="grey", linewidth=0.4)
     axes.set_xscale("log")
     axes.set_yscale("log")
+    axes.set_ylim(top=1.2 * max(highest, *(option.error().upper for option in front)))  # not by the longest bar
     _durations(axes.xaxis)
     _readable(axes.yaxis, percent)
     axes.set_xlabel("time × cores")
     axes.set_ylabel("error of the field, whole vessel")
     axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=6, ncols=2)
+    figure.legend(loc="outside lower center", fontsize=7, ncols=2)
     figure.savefig(path, dpi=130)
+
+
+def _style(name: tuple[str, str], told: Sequence[tuple[str, str]], reference: str) -> dict[str, Any]:
+    """Of a line of a point and method: a colour of its own where it is told apart."""
+    if name not in told:
+        return _OTHERS
+    point, method = name
+    number = told.index(name)
+    return {
+        "marker": "os^vD<>ph*"[number % 10],
+        "color": f"C{number % 10}",
+        "markersize": 5,
+        "linewidth": 0.8,
+        "capsize": 2,
+        "linestyle": "--" if point == reference else "-",
+        "label": f"{point}, {method}" + (" (reference)" if point == reference else ""),
+    }
 
 
 @own_style({})
