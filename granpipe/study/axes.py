@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from granpipe.case.reader import varied
 from granpipe.case.schema import Case
@@ -66,7 +67,7 @@ POINT = "point"
 _SETTINGS = (*_KEYS.values(), "dem.max_time")
 """What such a point may change: none of these changes the vessel or the material."""
 
-_REPEATED = ("coarse_grain_factor", "mass_scaling", "youngs_modulus", "time_step", "plate_speed")
+LIMITED = ("coarse_grain_factor", "mass_scaling", "youngs_modulus", "time_step", "plate_speed")
 """Axes that have a limit: what a filling adds to their points would be taken for what they do."""
 
 
@@ -135,8 +136,8 @@ def read_axes(words: Iterable[str]) -> Axes:
         values = [value for value in map(str.strip, text.split(",")) if value]
         if given and not values:
             raise CaseError(f"no values in {word!r}; write such as {name}=1,2 or {name} alone", place="--axis")
-        if name == FILLINGS and (wrong := [value for value in values if value not in _REPEATED]):
-            message = f"{wrong[0]} is not an axis to be repeated; choose from {', '.join(_REPEATED)}"
+        if name == FILLINGS and (wrong := [value for value in values if value not in LIMITED]):
+            message = f"{wrong[0]} is not an axis to be repeated; choose from {', '.join(LIMITED)}"
             raise CaseError(message, place=f"--axis {word}")
         found.setdefault(name, []).extend(values)
     return found
@@ -172,15 +173,30 @@ def point_variants(case: Case, points: Iterable[Mapping[str, str]], refusal: Ref
     """
     for changes in points:
         place = f"--point {','.join(f'{key}={value}' for key, value in changes.items())}"
-        try:
-            if varied(case, changes).model_dump() == case.model_dump():
-                raise CaseError("this is the case itself; that is the point base")
-            error = refusal(variant := Variant(name_of(changes), dict(changes)))
-        except CaseError as wrong:
-            error = wrong
-        if error is not None:
-            raise CaseError(error.message, place=place)
-        yield StudyVariant(POINT, variant)
+        whole = partial(Variant, name_of(changes), dict(changes))
+        yield StudyVariant(POINT, _given(case, changes, whole, refusal, place))
+
+
+def _given(
+    case: Case, changes: Mapping[str, str], make: Callable[[], Variant], refusal: Refusal, place: str
+) -> Variant:
+    """A variant that the user gave; CaseError with its place where it cannot be.
+
+    Parameters
+    ----------
+    changes : that were given
+    make : the variant with all that goes with them
+    """
+    try:
+        variant = make()
+        if varied(case, changes).model_dump() == case.model_dump():
+            raise CaseError("this is the case itself; that is the point base")
+        error = refusal(variant)
+    except CaseError as wrong:
+        error = wrong
+    if error is not None:
+        raise CaseError(error.message, place=place) from None
+    return variant
 
 
 def study_variants(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None = None) -> tuple[StudyVariant, ...]:
@@ -201,7 +217,9 @@ def study_variants(case: Case, basis: Basis, refusal: Refusal, axes: Axes | None
                 single.append(StudyVariant(axis, variant))
     for axis in (axis for axis in usual if axes.get(axis)):
         for value in dict.fromkeys(axes[axis]):
-            single.append(_wanted(case, basis, refusal, axis, value))
+            made = partial(_variant, case, basis, axis, value)
+            variant = _given(case, {_KEYS[axis]: value}, made, refusal, f"--axis {axis}={value}")
+            single.append(StudyVariant(axis, variant))
     repeated = _repeated(axes)
     more = [*_combined(case, single), *_fillings(single, repeated)]
     variants = [*single, *(one for one in more if refusal(one.variant) is None)]
@@ -218,25 +236,7 @@ def _repeated(axes: Axes) -> Sequence[str]:
     """The axes whose points are run in other fillings too, only where that is asked for: it takes as long again."""
     if FILLINGS not in axes:
         return ()
-    return axes[FILLINGS] or [axis for axis in _REPEATED if axis in axes] or _REPEATED
-
-
-def _wanted(case: Case, basis: Basis, refusal: Refusal, axis: str, value: str) -> StudyVariant:
-    """A point at a value of the user's; CaseError where it cannot be."""
-    place = f"--axis {axis}={value}"
-    try:
-        changed = varied(case, {_KEYS[axis]: value})
-        if axis == "plate_speed" and changed.dem.plate_speed == "auto":
-            raise CaseError("auto is not a value of this axis; give a speed, in m/s or with its unit")
-        if changed.model_dump() == case.model_dump():
-            raise CaseError("this is the value of the case; that is the point base")
-        variant = _variant(case, basis, axis, value)
-        error = refusal(variant)
-    except CaseError as wrong:
-        error = wrong
-    if error is not None:
-        raise CaseError(error.message, place=place) from None
-    return StudyVariant(axis, variant)
+    return axes[FILLINGS] or [axis for axis in LIMITED if axis in axes] or LIMITED
 
 
 def _variant(case: Case, basis: Basis, axis: str, value: str) -> Variant:
@@ -279,7 +279,9 @@ def _changes(case: Case, basis: Basis, axis: str, value: str) -> dict[str, str]:
         count = varied(case, changes).dem.replicas
         changes["dem.max_time"] = _text(start + (time - start) / count)
     elif axis == "plate_speed":  # equal travel
-        ratio = float(varied(case, changes).dem.plate_speed) / basis.plate_speed
+        if (speed := varied(case, changes).dem.plate_speed) == "auto":
+            raise CaseError("auto is not a value of this axis; give a speed, in m/s or with its unit")
+        ratio = float(speed) / basis.plate_speed
         changes["dem.max_time"] = _text(time / ratio)
         if start:
             changes["homogenize.start"] = _text(start / ratio)
@@ -314,7 +316,7 @@ def _combined(case: Case, single: Sequence[StudyVariant]) -> Iterator[StudyVaria
 
 def repeated_axis(changes: Mapping[str, str]) -> str:
     """The axis along which a point in another filling lies; none where it is the case itself."""
-    return next((axis for axis in _REPEATED if _KEYS[axis] in changes), "")
+    return next((axis for axis in LIMITED if _KEYS[axis] in changes), "")
 
 
 def _fillings(single: Sequence[StudyVariant], repeated: Sequence[str]) -> Iterator[StudyVariant]:

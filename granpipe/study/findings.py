@@ -46,7 +46,7 @@ from granpipe.system.versions import library_versions, program_versions
 ErrorBounds = dict[str, ErrorBound]
 """Section, or the whole → part of an error."""
 
-_SETTING: dict[str, Callable[[Plan], float]] = {
+SETTING: dict[str, Callable[[Plan], float]] = {
     # the setting of each axis that has a limit, in the power in which the error is expected to be linear
     "coarse_grain_factor": lambda plan: plan.dem.classes.sauter_diameter,
     "plate_speed": lambda plan: plan.dem.plate_speed,
@@ -102,7 +102,7 @@ class StudyPoint:
     @property
     def setting(self) -> dict[str, float]:
         """Axis → value of the setting that has a limit."""
-        return {axis: read(self.plan) for axis, read in _SETTING.items()} if self.plan.settings else {}
+        return {axis: read(self.plan) for axis, read in SETTING.items()} if self.plan.settings else {}
 
 
 @dataclass(frozen=True)
@@ -528,7 +528,7 @@ class Comparison:
     def slopes(self) -> dict[str, AxisSlope]:
         """Axis → how the field changes along it, where two points or more tell."""
         found = {}
-        for axis in _SETTING:
+        for axis in SETTING:
             along = [point for point in self.points if _axis(point) in ("", axis) and point.setting]
             if len({point.setting[axis] for point in along}) > 1:
                 found[axis] = self._slope(axis, axis, along)
@@ -599,7 +599,7 @@ class Comparison:
 
     def _from_limit(self, point: StudyPoint) -> list[Term]:
         """What the settings of a point add to the limit: a sum of fields."""
-        return self._changes({axis: self._limit(axis) for axis in _SETTING}, point)
+        return self._changes({axis: self._limit(axis) for axis in SETTING}, point)
 
     def _changes(self, base: Mapping[str, float], point: StudyPoint) -> list[Term]:
         """The changes along all axes from these settings to the point's: a sum of fields."""

@@ -10,12 +10,14 @@ import pytest
 from granpipe.case.reader import load_case, varied
 from granpipe.errors import CaseError
 from granpipe.planning.plan import make_plan
+from granpipe.study import findings
 from granpipe.study.axes import (
     BASE,
     BEST,
     CHEAP,
     FILLINGS,
     FINEST_SPEED,
+    LIMITED,
     Basis,
     StudyVariant,
     affordable,
@@ -249,7 +251,7 @@ def test_an_axis_that_there_is_not_is_refused(word, told) -> None:
         ("plate_speed=abc", "abc"),
         ("coarse_grain_factor=0.5", r"must be in \[1, 100\]"),
         ("coarse_grain_factor=3", "too large for the throat"),
-        ("seed=1", "this is the value of the case"),
+        ("seed=1", "this is the case itself"),
     ],
 )
 def test_a_wrong_value_of_the_user_says_why(case, word, told) -> None:
@@ -289,3 +291,7 @@ def test_a_small_budget_leaves_the_case_and_says_what_was_dropped(case) -> None:
     study = make_study(case, 1e-6, 1)
     assert [one.variant.name for one in study.variants] == [BASE]
     assert study.dropped
+
+
+def test_axes_that_have_a_limit_are_those_that_can_be_repeated_in_other_fillings() -> None:
+    assert set(LIMITED) == set(findings.SETTING)
