@@ -1,8 +1,8 @@
 """Several cheap runs in place of one good one: the sum of their fields that should be nearest to the truth.
 
 `STUDY --reference RESULTS`: of the points of a study, F = Σ wᵢ Fᵢ with Σ wᵢ = 1, where what their settings add and
-their noise are expected to leave the least: Σ_j s_j² (Σᵢ wᵢ x_ij)² + Σᵢ wᵢ² σᵢ². x_ij says how far setting j of run i is
-from that of the truth, s_j what the study says a unit of it adds, σᵢ is the run's own noise. The truth is an earlier
+their noise are expected to leave the least: Σ_j s_j² (Σᵢ wᵢ x_ij)² + Σᵢ wᵢ² σᵢ². x_ij says how far setting j of run i
+is from that of the truth, s_j what the study says a unit of it adds, σᵢ is the run's own noise. The truth is an earlier
 run, at its own size, plate speed and stiffness, or another point of the study; neither is ever in the sum.
 """
 
