@@ -67,6 +67,8 @@ study-reactor: setup
 	    --axis finest_speed --axis youngs_modulus=2.5e6,2e7 --axis mass_scaling \
 	    --axis seed=1001,2001 --axis fillings=youngs_modulus \
 	    --point dem.coarse_grain_factor=1,dem.plate_speed=0.012,contact.youngs_modulus=2e7,dem.max_time=12 \
+	    --point dem.coarse_grain_factor=1.75,contact.youngs_modulus=2.5e6 \
+	    --point dem.coarse_grain_factor=1.75,contact.youngs_modulus=2.5e6,dem.seed=1001 \
 	    --reference benchmarks/references/reactor_limit
 	$(VENV)/bin/python benchmarks/study.py results/reactor-study
 

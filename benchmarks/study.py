@@ -67,8 +67,8 @@ with no more than that is made by `python benchmarks/reactor_limit.py pack RESUL
   the limit. What all settings together let expect stands beside what was measured.
 - What a plate's speed adds depends on the particles: the axis `finest_speed` has the finest ones at every plate speed,
   and the limit goes by these where they are run. On a free surface it should go with v/d^1.5, the flow rate of the
-  layer over d √(g d) ([GDR MiDi 2004](../theory/index.md#references)); in the test reactor 0.024 m/s add 5.4 % with the
-  material's own particles, 3.5 % with ones twice as large.
+  layer over d √(g d) ([GDR MiDi 2004](../theory/index.md#references)); in the test reactor 0.024 m/s add 5.2 % with the
+  material's own particles, 3.2 % with ones twice as large.
 - With `--reference`, settings are also recommended **by the reference alone**: by the difference from it as it is,
   without what its own plate, softness and step add.
 - Points have the seed of the case. The axis `seed` is another filling, the axis `ranks` a third one on two ranks;
