@@ -106,6 +106,28 @@ def pareto(options: Iterable[Option], section: str = "whole") -> list[Option]:
     return front
 
 
+def worst_fillings(options: Iterable[Option], section: str = "whole") -> list[Option]:
+    """Of options that differ in their filling alone the one with the highest error, where all these fillings give one.
+
+    A filling without a field after a time has no option of that length: then that length is no option at all.
+    """
+    points: dict[object, set[str]] = {}
+    alike: dict[object, list[Option]] = {}
+    for option in options:
+        points.setdefault(_settings(option, "dem.seed", "dem.max_time"), set()).add(option.point)
+        alike.setdefault(_settings(option, "dem.seed"), []).append(option)
+    return [
+        max(some, key=lambda option: option.error(section).upper)
+        for some in alike.values()
+        if {option.point for option in some} == points[_settings(some[0], "dem.seed", "dem.max_time")]
+    ]
+
+
+def _settings(option: Option, *without: str) -> object:
+    """What makes an option what it is, but for some keys of the case."""
+    return option.method, frozenset(item for item in option.changes.items() if item[0] not in without)
+
+
 @dataclass(frozen=True)
 class Advice:
     """The cheapest option for a tolerance; `proven` where its upper bound keeps it, not only its estimate."""
@@ -116,13 +138,13 @@ class Advice:
 
 
 def advise(options: Sequence[Option], tolerance: float, section: str = "whole") -> Advice:
-    """The cheapest option within the tolerance, by its 95 % bound if there is one, else by its estimate."""
+    """The cheapest option within the tolerance, by its 95 % bound if there is one, else by its estimate.
+
+    Of options that differ in their filling alone the worst counts, not the one that happens to be near the truth.
+    """
+    usual = worst_fillings([option for option in options if option.method != PLAIN], section)
     for proven in (True, False):
-        good = [
-            o
-            for o in options
-            if o.method != PLAIN and (e := o.error(section)) and (e.upper if proven else e.value) <= tolerance
-        ]
+        good = [o for o in usual if (e := o.error(section)) and (e.upper if proven else e.value) <= tolerance]
         if good:
             return Advice(tolerance, min(good, key=lambda o: o.core_seconds), proven)
     return Advice(tolerance, None, proven=False)

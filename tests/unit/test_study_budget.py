@@ -12,7 +12,16 @@ from granpipe.study.budget import ErrorBound, Option, advise, pareto, percent, s
 
 def option(point: str, seconds: float, noise: float, rest: float, upper: float | None = None, cores: int = 1) -> Option:
     part = ErrorBound(rest, rest if upper is None else upper)
-    return Option(point, "psi", 1.0, seconds, cores, {"whole": noise}, math.inf, {"whole": part})
+    changes = {"dem.plate_speed": point}
+    return Option(point, "psi", 1.0, seconds, cores, {"whole": noise}, math.inf, {"whole": part}, changes)
+
+
+def filled(point: str, time: str, rest: float) -> Option:
+    """An option of a case in the filling that its name tells, or in its own."""
+    changes = {"dem.max_time": time} | ({"dem.seed": point} if point != "base" else {})
+    return Option(
+        point, "psi", 1.0, float(time), 1, {"whole": 0.0}, math.inf, {"whole": ErrorBound(rest, rest)}, changes
+    )
 
 
 def names(options) -> list[str]:
@@ -70,6 +79,17 @@ def test_without_proof_the_estimate_decides_and_the_advice_says_so() -> None:
     advice = advise(options, 0.05)
     assert advice.option is options[1]
     assert not advice.proven
+
+
+def test_of_other_fillings_the_worst_counts_not_the_lucky_one() -> None:
+    options = [filled("base", "8", 0.04), filled("7", "8", 0.06), filled("base", "16", 0.03), filled("7", "16", 0.04)]
+    assert advise(options, 0.05).option is options[3]
+    assert advise(options, 0.07).option is options[1]
+
+
+def test_a_length_after_which_a_filling_has_no_field_is_not_advised() -> None:
+    options = [filled("base", "8", 0.01), filled("base", "16", 0.01), filled("7", "16", 0.02)]
+    assert advise(options, 0.05).option is options[2]
 
 
 def test_the_plain_average_is_never_advised() -> None:

@@ -95,7 +95,9 @@ def test_the_cheapest_that_is_good_enough_is_taken_with_its_settings(results: Pa
 
 def test_an_option_of_few_blocks_takes_the_time_until_a_run_has_enough(results: Path) -> None:
     """Ten blocks in 30 s are twenty in 60 s; the plain time of an average with smoothing, which no noise ends."""
-    few, many = (option("base", "psi", time, 0.03, 0.0, {}, blocks=n) for time, n in ((30, 10), (50, 20)))
+    few, many = (
+        option("base", "psi", time, 0.03, 0.0, {"dem.max_time": str(n)}, blocks=n) for time, n in ((30, 10), (50, 20))
+    )
     own_study(results, few, many)
     assert "in 50 s on one core" in recommend(smoke(), results, 0.05).expected
     own_study(results, few)
