@@ -109,23 +109,26 @@ def pareto(options: Iterable[Option], section: str = "whole") -> list[Option]:
 def worst_fillings(options: Iterable[Option], section: str = "whole") -> list[Option]:
     """Of options that differ in their filling alone the one with the highest error, where all these fillings give one.
 
-    A filling without a field after a time has no option of that length: then that length is no option at all.
+    A filling without a field after a time has no option of that length: then that length is no option at all. Nor is a
+    method that was tried on one of several fillings alone.
     """
     points: dict[object, set[str]] = {}
     alike: dict[object, list[Option]] = {}
     for option in options:
-        points.setdefault(_settings(option, "dem.seed", "dem.max_time"), set()).add(option.point)
-        alike.setdefault(_settings(option, "dem.seed"), []).append(option)
+        points.setdefault(_runs(option), set()).add(option.point)
+        changes = frozenset(item for item in option.changes.items() if item[0] != "dem.seed")
+        alike.setdefault((option.method, changes), []).append(option)
     return [
         max(some, key=lambda option: option.error(section).upper)
         for some in alike.values()
-        if {option.point for option in some} == points[_settings(some[0], "dem.seed", "dem.max_time")]
+        if {option.point for option in some} == points[_runs(some[0])]
     ]
 
 
-def _settings(option: Option, *without: str) -> object:
-    """What makes an option what it is, but for some keys of the case."""
-    return option.method, frozenset(item for item in option.changes.items() if item[0] not in without)
+def _runs(option: Option) -> frozenset[tuple[str, str]]:
+    """What makes an option's runs what they are, but for their filling and length."""
+    averaging = ("dem.seed", "dem.max_time", "homogenize.")
+    return frozenset(item for item in option.changes.items() if not item[0].startswith(averaging))
 
 
 @dataclass(frozen=True)

@@ -93,6 +93,10 @@ class FinishedRun:
         counts = sorted({int(len(stops) * SHORTER**times) for times in range(WINDOWS)}, reverse=True)
         return [stops[count - 1] for count in counts if count * len(self.productions) >= LEAST_BLOCKS]
 
+    def max_time(self, end: float) -> float:
+        """`dem.max_time` of a run that ends at a simulated time [s]: a case counts from the end of a faster start."""
+        return end - self.plan.dem.average_from
+
     def until(self, end: float) -> list[Sums]:
         """The segments up to a time, after the transient as a run of that length would see it, of rigid particles.
 

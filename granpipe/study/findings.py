@@ -498,7 +498,9 @@ class Comparison:
                 statistical=average.errors(self.case),
                 blocks=average.blocks,
                 systematic=systematic,
-                changes=dict(point.changes) | {"dem.max_time": f"{end:.4g}"} | method.changes(finished.plan.grid.cell),
+                changes=dict(point.changes)
+                | {"dem.max_time": f"{finished.max_time(end):.4g}"}
+                | method.changes(finished.plan.grid.cell),
                 from_reference=from_reference,
             )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,6 +91,14 @@ def test_of_other_fillings_the_worst_counts_not_the_lucky_one() -> None:
 def test_a_length_after_which_a_filling_has_no_field_is_not_advised() -> None:
     options = [filled("base", "8", 0.01), filled("base", "16", 0.01), filled("7", "16", 0.02)]
     assert advise(options, 0.05).option is options[2]
+
+
+def test_a_method_that_one_of_two_fillings_was_averaged_with_is_not_advised() -> None:
+    lucky = filled("base", "4", 0.01)
+    lucky = replace(lucky, method="psi, cells × 2", changes=lucky.changes | {"homogenize.cell": "0.1"})
+    options = [lucky, filled("base", "8", 0.04), filled("7", "8", 0.03)]
+    assert advise(options, 0.05).option is options[1]
+    assert advise(options[:2], 0.05).option is lucky
 
 
 def test_the_plain_average_is_never_advised() -> None:

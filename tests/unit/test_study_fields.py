@@ -69,6 +69,16 @@ def test_averages_are_shortened_by_a_fifth_until_they_have_no_error_bar(settled:
     assert short.ends == [10, 8]
 
 
+def test_a_run_with_the_time_of_a_shorter_average_ends_where_that_does(tiny: Path) -> None:
+    changes = {"dem.start_speed": "auto", "outline.wall": "[[6, 30], [6, 0]]", "dem.max_time": "3 s"}
+    plan = make_plan(load_case(tiny, changes))
+    segment = plan.dem.segment_steps * plan.dem.time_step
+    assert plan.dem.start_segments > 1
+    for count in (plan.dem.segments_left_out + 12, plan.dem.segments):
+        time = FinishedRun(plan, ()).max_time(count * segment)
+        assert make_plan(load_case(tiny, changes | {"dem.max_time": f"{time:.4g} s"})).dem.segments == count
+
+
 def test_a_study_tells_solids_of_rigid_particles_as_a_run_does(tiny: Path) -> None:
     """A mean overlap of 3 % over both chains: volumes and flows are (1 − 0.03)³ of the sums."""
     plan = make_plan(load_case(tiny, {"homogenize.start": "0 s"}))
