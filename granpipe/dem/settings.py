@@ -89,8 +89,9 @@ SKIN, WIDEST_SKIN = 0.2, 0.3
 """Neighbour skin in mean diameters, and at the most, where the time step needs it: then a step costs 3 % more (see
 docs/validation/deck_levers.md)."""
 
-RATE = 1.5e6
-"""Particle-steps per second of one rank: two made 2.7e6 with hertz/epsd2 and 13 000 spheres on two idle cores."""
+RATE = 2.6e6
+"""Particle-steps per second of one rank: 2.6e6 to 3.0e6 with hertz/epsd2 and 4 000 to 100 000 spheres in the test
+reactor (`benchmarks/deck_levers.py sizes`)."""
 
 MOST_PARTICLES = 1e8
 """More than any cluster runs: a wrong unit is the likelier reason."""

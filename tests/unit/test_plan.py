@@ -288,7 +288,7 @@ def test_replicas_share_the_cores(tiny: Path) -> None:
     one, many = plan_of(tiny), plan_of(tiny, dem__replicas="1000")
     assert many.dem.ranks == 1
     assert many.particle_steps == pytest.approx(1000 * one.particle_steps)
-    assert many.seconds <= 1000 * one.seconds
+    assert many.seconds <= 1000 * one.seconds * (1 + 1e-9)  # rounding
 
 
 def test_a_case_for_more_cores_than_there_are_can_be_planned_but_not_run(tiny: Path) -> None:
