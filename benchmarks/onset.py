@@ -2,13 +2,17 @@
 
 `synthetic`: correlated series with a transient, whose mean is known. `fields RESULTS/CASE …`: the final fields of runs
 of one vessel in other fillings, with today's start and with former ones. `ends RESULTS/CASE …`: runs of the test
-reactor, ended sooner and later, against the reference with the material's own particles.
+reactor, ended sooner and later, against the reference with the material's own particles. `after RESULTS/CASE …`: the
+same with more or less left out after the faster start, whatever the data say.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from unittest import mock
 
@@ -41,6 +45,7 @@ FREEDOM = 1 / 3  # degrees of freedom of a standard error, over the effective sa
 COLUMNS = 8
 REFERENCE = Path(__file__).parent / "references" / "reactor_limit"
 SHARES = (1.0, 0.75, 0.6, 0.5, 0.4)  # of a run after its faster start
+LEFT_OUT = (0.0, 0.1, 0.25, 0.5)  # diameters of the plate's travel after a faster start
 PROCESSES = {
     "independent": (0.0, 0.0),
     "AR(1), 0.5": (0.5, 0.0),
@@ -91,7 +96,7 @@ SERIES = "by level flows, mass, kinetic energy"
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["synthetic", "fields", "ends"])
+    parser.add_argument("what", choices=["synthetic", "fields", "ends", "after"])
     parser.add_argument("folders", nargs="*", type=Path, help="results")
     parser.add_argument("--repeat", type=int, default=100)
     parser.add_argument("--samples", nargs="*", type=int, default=[40, 100, 250])
@@ -100,6 +105,7 @@ def main() -> None:
         "synthetic": lambda: synthetic(options.samples, options.repeat),
         "fields": lambda: fields(options.folders, options.samples),
         "ends": lambda: ends(options.folders),
+        "after": lambda: after(options.folders),
     }
     for row in told_of[options.what]():
         print(f"| {' | '.join(row)} |", flush=True)
@@ -230,6 +236,45 @@ def ends(folders: Sequence[Path]) -> Iterator[list[str]]:
     means = [np.r_[one[:, :2].mean(axis=0), np.sqrt((one[:, 2:] ** 2).mean(axis=0))] for one in figures.values()]
     yield ["all", f"{len(common)} ends", *map(_ended, means)]
     yield ["fields", f"of {len(found)}", *(str(sum(name in told for told in found)) for name in STARTS)]
+
+
+def after(folders: Sequence[Path]) -> Iterator[list[str]]:
+    """Rows: diameters of travel that are left out after the faster start at least; ends of runs that give a field;
+    independent blocks, statistical error as told and difference from the reference, as root mean squares over the ends
+    at which all of them give one, and of the sooner half of these.
+    """
+    reference = read_run(REFERENCE)
+    found: dict[tuple[Path, float], dict[float, Array]] = {}
+    for folder in folders:
+        plan, production = _finished(folder)
+        truth = reference.at(plan.case, plan.grid, plan.outline.inside_fraction(plan.grid))
+        dem = plan.dem
+        diameter = max(dem.classes.sauter_diameter, reference.plan.dem.classes.sauter_diameter)
+        started = dem.start_segments * dem.segment_steps * dem.time_step
+        travel = dem.plate_speed * dem.segment_steps * dem.time_step / dem.classes.sauter_diameter
+        stop = FinishedRun(plan, (production,)).segments[-1].stop
+        for share, left_out in product(SHARES, LEFT_OUT):
+            begins = dem.start_segments + math.ceil(left_out / travel - 1e-9)
+            changed = replace(plan, settings=replace(dem, segments_left_out=begins))
+            finished = FinishedRun(changed, (production,))
+            try:
+                made = field_of(changed, finished.until(started + share * (stop - started)))
+            except DataError:  # too few segments, or the filling still changes too fast
+                continue
+            off = compare(truth, made.field, plan.case.outline.levels, diameter)[0].observed
+            told = np.array([made.blocks, made.errors(plan.case)["whole"], off])
+            found.setdefault((folder, share), {})[left_out] = told
+    common = {at: told for at, told in found.items() if len(told) == len(LEFT_OUT)}
+    sooner = [told for (_, share), told in common.items() if share < SHARES[2]]
+    for left_out in LEFT_OUT:
+        given = sum(left_out in told for told in found.values())
+        rows = (_root_mean([told[left_out] for told in some]) for some in (list(common.values()), sooner))
+        yield [f"{left_out:g} d", f"{given} of {len(folders) * len(SHARES)}", *rows]
+
+
+def _root_mean(figures: Sequence[Array]) -> str:
+    blocks, noise, off = np.sqrt(np.mean(np.square(figures), axis=0))
+    return f"{blocks:.0f}, {noise:.2%}, {off:.2%} ({len(figures)} ends)"
 
 
 def _ended(figures: Array) -> str:

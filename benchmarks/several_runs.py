@@ -92,6 +92,8 @@ def what_is_added(comparison: Comparison, found: Sequence[StudyPoint]) -> Array:
     parts = comparison.effect(base, {}).contributions
     above = point_of(base).settings.copy()
     above[0] -= comparison.reference.setting[SIZE]
+    if missing := [axis for axis, height in zip(AXES, above, strict=True) if axis not in parts or height <= 0]:
+        raise RunError(f"the study does not tell what {', '.join(missing)} adds to its case")
     return np.array([parts[axis]["whole"].value for axis in AXES]) / above
 
 

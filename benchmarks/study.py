@@ -76,8 +76,8 @@ with no more than that is made by `python benchmarks/reactor_limit.py pack RESUL
   points along all axes that have a limit in the fillings of the axis `seed`, `--axis
   fillings=youngs_modulus,plate_speed` those of some: then all of them tell what a setting does. Where fields of equal
   settings lie farther apart than their noise lets expect, noise counts as so much larger in the limit and in what the
-  axes tell; the report says by how much. Of options that differ in their filling alone the worst is recommended, and
-  only a length after which all of them have a field.
+  axes tell; the report says by how much. Of options that differ in their filling alone the worst counts,
+  in the front as in what is recommended, and only where each filling that ran as long has a field by then.
 - The reference is not the truth. Its own row of the budget shows its known errors, and the page says which axes the
   study could not tell.
 """

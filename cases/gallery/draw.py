@@ -45,7 +45,7 @@ VESSELS: dict[str, tuple[str, Points, list[Points], str]] = {
         "Flat-bottomed silo",
         [(130, 220), (130, 40), (70, 40), (70, 0)],
         [],
-        "",
+        "dem: {max_time: 10 s}  # its funnel leans: one filling of eight was 14 % off-axis after 7.4 s\n",
     ),
     "smooth_cone": (
         "Mass-flow hopper with a wall friction of 0.1",

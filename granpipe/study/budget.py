@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import hypot
 from typing import Annotated
@@ -97,38 +97,77 @@ def sure_factor(blocks: float) -> float:
     return float(math.sqrt((blocks - 1) / chdtri(blocks - 1, 0.95)))
 
 
+Measure = Callable[[Option], float]
+"""Of an option's error."""
+
+
+def upper_bound(section: str = "whole") -> Measure:
+    """The 95 % bound of the error."""
+    return lambda option: option.error(section).upper
+
+
+def estimate(section: str = "whole") -> Measure:
+    """The error itself."""
+    return lambda option: option.error(section).value
+
+
 def pareto(options: Iterable[Option], section: str = "whole") -> list[Option]:
-    """Options that no other beats in both time and proven error (the upper bound), the cheapest first."""
+    """Options that no other beats in both time and proven error (the upper bound), the cheapest first.
+
+    Of options that differ in their filling alone the worst counts.
+    """
     front: list[Option] = []
-    for option in sorted(options, key=lambda o: (o.core_seconds, o.error(section).upper)):
+    usual = worst_fillings(options, upper_bound(section))
+    for option in sorted(usual, key=lambda o: (o.core_seconds, o.error(section).upper)):
         if not front or option.error(section).upper < front[-1].error(section).upper:
             front.append(option)
     return front
 
 
-def worst_fillings(options: Iterable[Option], section: str = "whole") -> list[Option]:
-    """Of options that differ in their filling alone the one with the highest error, where all these fillings give one.
+def worst_fillings(options: Iterable[Option], measure: Measure) -> list[Option]:
+    """Options but for those to which another filling of the same settings says something worse.
 
-    A filling without a field after a time has no option of that length: then that length is no option at all. Nor is a
-    method that was tried on one of several fillings alone.
+    Another filling counts where it ran as long: by its longest average that is no longer. Where it has no field by
+    then, or was not averaged with this method, the option is left out.
+
+    Parameters
+    ----------
+    measure : of the error
     """
-    points: dict[object, set[str]] = {}
-    alike: dict[object, list[Option]] = {}
+    alike: dict[frozenset[tuple[str, str | float]], list[Option]] = {}
     for option in options:
-        points.setdefault(_runs(option), set()).add(option.point)
-        changes = frozenset(item for item in option.changes.items() if item[0] != "dem.seed")
-        alike.setdefault((option.method, changes), []).append(option)
-    return [
-        max(some, key=lambda option: option.error(section).upper)
-        for some in alike.values()
-        if {option.point for option in some} == points[_runs(some[0])]
-    ]
+        alike.setdefault(_settings(option), []).append(option)
+    return [option for some in alike.values() for option in some if _is_worst(option, some, measure)]
 
 
-def _runs(option: Option) -> frozenset[tuple[str, str]]:
-    """What makes an option's runs what they are, but for their filling and length."""
+def _is_worst(option: Option, alike: Sequence[Option], measure: Measure) -> bool:
+    """Whether no other filling among these has a larger error, nor is without a field."""
+    for filling in {other.changes.get("dem.seed") for other in alike} - {option.changes.get("dem.seed")}:
+        others = [other for other in alike if other.changes.get("dem.seed") == filling]
+        if max(map(_time, others)) < _time(option):
+            continue
+        sooner = [other for other in others if other.method == option.method and _time(other) <= _time(option)]
+        if not sooner or measure(max(sooner, key=_time)) > measure(option):
+            return False
+    return True
+
+
+def _time(option: Option) -> float:
+    """Simulated time of its run [s], 0 where none is told; lengths of two fillings may differ by rounding."""
+    return round(float(option.changes.get("dem.max_time", 0.0)), 2)
+
+
+def _settings(option: Option) -> frozenset[tuple[str, str | float]]:
+    """What makes an option's runs what they are, but for their filling and length; numbers as such."""
     averaging = ("dem.seed", "dem.max_time", "homogenize.")
-    return frozenset(item for item in option.changes.items() if not item[0].startswith(averaging))
+    return frozenset((key, _value(text)) for key, text in option.changes.items() if not key.startswith(averaging))
+
+
+def _value(text: str) -> str | float:
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 @dataclass(frozen=True)
@@ -145,9 +184,9 @@ def advise(options: Sequence[Option], tolerance: float, section: str = "whole") 
 
     Of options that differ in their filling alone the worst counts, not the one that happens to be near the truth.
     """
-    usual = worst_fillings([option for option in options if option.method != PLAIN], section)
-    for proven in (True, False):
-        good = [o for o in usual if (e := o.error(section)) and (e.upper if proven else e.value) <= tolerance]
+    fields = [option for option in options if option.method != PLAIN]
+    for proven, measure in ((True, upper_bound(section)), (False, estimate(section))):
+        good = [option for option in worst_fillings(fields, measure) if measure(option) <= tolerance]
         if good:
             return Advice(tolerance, min(good, key=lambda o: o.core_seconds), proven)
     return Advice(tolerance, None, proven=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,9 @@ DURATIONS = (
     (3600.0, "h", (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)),
 )
 """Seconds of a unit, its name, and where an axis of times has its ticks in it."""
+
+COLOURS = [f"C{number}" for number in range(10) if number != 7]
+"""Of options that are told apart: matplotlib's, but for the grey one."""
 
 _OTHERS = {"marker": ".", "color": "0.7", "markersize": 4, "linewidth": 0.6}
 
@@ -58,7 +62,9 @@ def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
         axes.axhline(tolerance, color="grey", linewidth=0.4)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_ylim(top=1.2 * max(highest, *(option.error().upper for option in front)))  # not by the longest bar
+    bounds = [bound for option in front if math.isfinite(bound := option.error().upper)]
+    if (top := max([highest, *bounds], default=0.0)) > 0:
+        axes.set_ylim(top=1.2 * top)  # not by the longest bar of those beside the front
     _durations(axes.xaxis)
     _readable(axes.yaxis, percent)
     axes.set_xlabel("time × cores")
@@ -73,15 +79,15 @@ def _style(name: tuple[str, str], told: Sequence[tuple[str, str]], reference: st
     if name not in told:
         return _OTHERS
     point, method = name
-    number = told.index(name)
+    number, is_reference = told.index(name), point == reference
     return {
         "marker": "os^vD<>ph*"[number % 10],
-        "color": f"C{number % 10}",
+        "color": "black" if is_reference else COLOURS[number % len(COLOURS)],
         "markersize": 5,
         "linewidth": 0.8,
         "capsize": 2,
-        "linestyle": "--" if point == reference else "-",
-        "label": f"{point}, {method}" + (" (reference)" if point == reference else ""),
+        "linestyle": "--" if is_reference else "-",
+        "label": f"{point}, {method}" + (" (reference)" if is_reference else ""),
     }
 
 

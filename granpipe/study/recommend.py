@@ -23,7 +23,7 @@ from granpipe.geometry.openings import find_openings
 from granpipe.pipeline.gates import BLOCKS
 from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.plan import Plan, make_plan
-from granpipe.study.budget import PLAIN, Option, advise, percent, sure_factor
+from granpipe.study.budget import PLAIN, Option, advise, estimate, percent, sure_factor, worst_fillings
 from granpipe.study.folder import study_name
 from granpipe.study.reference import scene
 from granpipe.study.report import FormerStudy, read_study
@@ -205,7 +205,8 @@ def _best(
     while (advice := advise(options, tolerance)).option is not None and not allowed(advice.option):
         options.remove(advice.option)
     if advice.option is None:
-        errors = [option.error().value for option in options if option.method != PLAIN]
+        fields = [option for option in options if option.method != PLAIN]
+        errors = list(map(estimate(), worst_fillings(fields, estimate())))
         best = f"; the best has {percent(min(errors))}" if errors else ""
         message = (
             f"no option of {study} that this case allows is within {percent(tolerance)}{best}; a study with a smaller "

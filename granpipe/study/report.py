@@ -180,7 +180,8 @@ def study_sections(found: Findings, solves: Sequence[Solve], other: Plan | None)
     compared = None if other is None or not found.rate else (other.case.name, other.particle_steps / found.rate)
     yield _recommended(
         "Recommended settings",
-        "The cheapest option whose error is proven (its 95 % bound is below the tolerance), or else estimated.",
+        "The cheapest option whose error is proven (its 95 % bound is below the tolerance), or else estimated. Of "
+        "options that differ in their filling alone the worst counts.",
         found.options,
         compared,
     )

@@ -23,7 +23,7 @@ def test_the_plate_goes_on_from_where_a_run_was_cut_before_at_and_after_its_chan
     tiny: Path, tmp_path: Path
 ) -> None:
     tall = {"outline.wall": "[[6, 30], [6, 0]]"}
-    file = read_case(tiny, tall | {"dem.start_speed": "auto", "homogenize.start": "auto", "dem.max_time": "0.1 s"})
+    file = read_case(tiny, tall | {"dem.start_speed": "auto", "homogenize.start": "auto", "dem.max_time": "0.5 s"})
     run(file, tmp_path / "results")
     store, plan = tmp_path / "results" / ".store", make_plan(file.case)
     work, start = tmp_path / "work", plan.dem.start_segments

@@ -93,6 +93,29 @@ def test_a_length_after_which_a_filling_has_no_field_is_not_advised() -> None:
     assert advise(options, 0.05).option is options[2]
 
 
+def test_a_filling_that_was_run_longer_or_at_another_length_is_judged_as_far_as_the_other_goes() -> None:
+    longer = replace(filled("base", "20", 0.02), point="longer")
+    assert advise([filled("base", "16", 0.04), longer], 0.05).option is not None  # the same filling
+    assert advise([filled("base", "16", 0.04), filled("7", "10.4", 0.03), longer], 0.03).option is longer
+    assert advise([filled("base", "8", 0.02), filled("7", "10.4", 0.06), filled("7", "6", 0.07)], 0.05).option is None
+
+
+def test_numbers_are_settings_however_they_are_written() -> None:
+    one, other = filled("base", "8", 0.03), filled("7", "8", 0.06)
+    soft = [replace(one, changes=one.changes | {"contact.youngs_modulus": "2e7"}),
+            replace(other, changes=other.changes | {"contact.youngs_modulus": "2.0e+07"})]  # fmt: skip
+    assert advise(soft, 0.05).option is None
+
+
+def test_an_estimate_is_judged_by_the_worst_estimate_and_a_bound_by_the_worst_bound() -> None:
+    """Of two fillings the one with the lower estimate has the higher bound."""
+    low, high = filled("base", "8", 0.04), filled("7", "8", 0.06)
+    low = replace(low, systematic={"whole": ErrorBound(0.04, 0.09)})
+    high = replace(high, systematic={"whole": ErrorBound(0.06, 0.08)})
+    assert advise([low, high], 0.05).option is None
+    assert advise([low, high], 0.09).option is low
+
+
 def test_a_method_that_one_of_two_fillings_was_averaged_with_is_not_advised() -> None:
     lucky = filled("base", "4", 0.01)
     lucky = replace(lucky, method="psi, cells × 2", changes=lucky.changes | {"homogenize.cell": "0.1"})
