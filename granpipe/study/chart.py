@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from granpipe.study.budget import TOLERANCES, ErrorBound, Option, pareto, percent
+from granpipe.study.budget import TOLERANCES, ErrorBound, Option, advise, pareto, percent
 from granpipe.system.surroundings import own_style
 
 DURATIONS = (
@@ -27,14 +27,15 @@ _OTHERS = {"marker": ".", "color": "0.7", "markersize": 4, "linewidth": 0.6}
 def draw_options(options: Sequence[Option], reference: str, path: Path) -> None:
     """Total error of the whole against wall time × cores, on logarithmic axes.
 
-    One line per point and method, over the lengths of its average. Bars reach up to the 95 % bound. Only the reference
-    and what is on the front are told apart: a study may have dozens of others.
+    One line per point and method, over the lengths of its average. Bars reach up to the 95 % bound. Only the reference,
+    the front and what is recommended are told apart: a study may have dozens of others.
     """
     from matplotlib.figure import Figure
 
     front, lines = pareto(options), _lines(options)
-    on_front = {(option.point, option.method) for option in front}
-    told = [line for line in lines if line in on_front or line[0] == reference]
+    recommended = [advise(options, tolerance).option for tolerance in TOLERANCES]
+    telling = {(option.point, option.method) for option in (*front, *recommended) if option is not None}
+    told = [line for line in lines if line in telling or line[0] == reference]
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     axes: Any = figure.subplots()
     axes.step(
