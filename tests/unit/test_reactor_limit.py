@@ -72,14 +72,6 @@ def sized(diameter: float, cell: float = 0.025) -> reactor_limit.Entry:
     return reactor_limit.Entry("run", replace(plug, psi=psi, flux_r=flux_r, flux_z=flux_z), diameter)
 
 
-def test_linear_fields_are_extrapolated_to_the_size_of_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reactor_limit, "SMOOTHED", 1e-3)
-    truth, one, other = sized(0.02), sized(0.04), sized(0.06)
-    made = reactor_limit.extrapolated(one, other, 0.02)
-    assert compare(truth.field, one.field, {}, 0.02)[0].observed > 0.1
-    assert compare(truth.field, made, {}, 0.02)[0].observed < 1e-3
-
-
 def test_a_mixture_is_the_weighted_sum_on_the_larger_cells_with_the_noise_of_independent_fields() -> None:
     def noisy(entry: reactor_limit.Entry) -> Field:
         one = entry.field
