@@ -460,8 +460,8 @@ def _verdict_section(results: Path) -> list[str]:
             CYLINDER,
             saved(CYLINDER, ANEW),
             "a round wall in place of facets; its contacts are in no dump, below",
-            "no: with 26 000 particles it saves 4.8 ± 0.4 % (`run --factor 1.5`), and wall pressure and stress would lack "
-            "that wall, so that cases that ask for them would need other walls",
+            "no: with 26 000 particles it saves 4.8 ± 0.4 % (`run --factor 1.5`), and wall pressure and stress would "
+            "lack that wall, so that cases that ask for them would need other walls",
         ),
         (
             "all of these",

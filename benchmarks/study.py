@@ -1,6 +1,6 @@
 """Writes the pages of docs/ about a study from its folder, and keeps what `--total-error` needs of it.
 
-`make study` makes the study of the smoke scene, and `make study-reactor` that of the test reactor, which then calls this.
+`make study` makes the study of the smoke scene, and `make study-reactor` that of the test reactor, and then calls this.
 """
 
 from __future__ import annotations
