@@ -36,8 +36,8 @@ from granpipe.pipeline.averages import (
 from granpipe.pipeline.dem_stages import finished_productions
 from granpipe.pipeline.production import Production
 from granpipe.planning.plan import Plan, make_plan
-from granpipe.study.fields import FinishedRun, field_of
-from granpipe.study.reference import read_run
+from granpipe.study.fields import Average, FinishedRun, field_of
+from granpipe.study.reference import EarlierRun, read_run
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 
@@ -214,8 +214,7 @@ def ends(folders: Sequence[Path]) -> Iterator[list[str]]:
     for folder in folders:
         plan, production = _finished(folder)
         finished = FinishedRun(plan, (production,))
-        truth = reference.at(plan.case, plan.grid, plan.outline.inside_fraction(plan.grid))
-        diameter = max(plan.dem.classes.sauter_diameter, reference.plan.dem.classes.sauter_diameter)
+        judge = _judge(reference, plan)
         begun, stop = plan.dem.average_from, finished.segments[-1].stop
         for end in (begun + share * (stop - begun) for share in SHARES):
             told: dict[str, Array] = {}
@@ -226,9 +225,8 @@ def ends(folders: Sequence[Path]) -> Iterator[list[str]]:
                     made = field_of(plan, steady)
                 except DataError:  # too few segments, or the filling still changes too fast
                     continue
-                off = compare(truth, made.field, plan.case.outline.levels, diameter)[0].observed
                 averaged = sum(one.duration for one in steady) / (end - begun)
-                told[name] = np.array([averaged, made.blocks, made.errors(plan.case)["whole"], off])
+                told[name] = np.r_[averaged, judge(made)]
             found.append(told)
             yield [folder.name, f"{end:.1f}", *(_ended(told[name]) if name in told else "no field" for name in STARTS)]
     common = [told for told in found if len(told) == len(STARTS)]
@@ -247,9 +245,7 @@ def after(folders: Sequence[Path]) -> Iterator[list[str]]:
     found: dict[tuple[Path, float], dict[float, Array]] = {}
     for folder in folders:
         plan, production = _finished(folder)
-        truth = reference.at(plan.case, plan.grid, plan.outline.inside_fraction(plan.grid))
-        dem = plan.dem
-        diameter = max(dem.classes.sauter_diameter, reference.plan.dem.classes.sauter_diameter)
+        judge, dem = _judge(reference, plan), plan.dem
         started = dem.start_segments * dem.segment_steps * dem.time_step
         travel = dem.plate_speed * dem.segment_steps * dem.time_step / dem.classes.sauter_diameter
         stop = FinishedRun(plan, (production,)).segments[-1].stop
@@ -261,15 +257,25 @@ def after(folders: Sequence[Path]) -> Iterator[list[str]]:
                 made = field_of(changed, finished.until(started + share * (stop - started)))
             except DataError:  # too few segments, or the filling still changes too fast
                 continue
-            off = compare(truth, made.field, plan.case.outline.levels, diameter)[0].observed
-            told = np.array([made.blocks, made.errors(plan.case)["whole"], off])
-            found.setdefault((folder, share), {})[left_out] = told
+            found.setdefault((folder, share), {})[left_out] = judge(made)
     common = {at: told for at, told in found.items() if len(told) == len(LEFT_OUT)}
     sooner = [told for (_, share), told in common.items() if share < SHARES[2]]
     for left_out in LEFT_OUT:
         given = sum(left_out in told for told in found.values())
         rows = (_root_mean([told[left_out] for told in some]) for some in (list(common.values()), sooner))
         yield [f"{left_out:g} d", f"{given} of {len(folders) * len(SHARES)}", *rows]
+
+
+def _judge(reference: EarlierRun, plan: Plan) -> Callable[[Average], Array]:
+    """What tells of an average its independent blocks, its statistical error and its difference from the reference."""
+    truth = reference.at(plan.case, plan.grid, plan.outline.inside_fraction(plan.grid))
+    diameter = max(plan.dem.classes.sauter_diameter, reference.plan.dem.classes.sauter_diameter)
+
+    def judge(made: Average) -> Array:
+        off = compare(truth, made.field, plan.case.outline.levels, diameter)[0].observed
+        return np.array([made.blocks, made.errors(plan.case)["whole"], off])
+
+    return judge
 
 
 def _root_mean(figures: Sequence[Array]) -> str:

@@ -16,6 +16,9 @@ Size = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 TOLERANCES = (0.02, 0.05, 0.1, 0.2)
 """Total errors for which a setting is recommended."""
 
+SAME_LENGTH = 1.001
+"""Times of two fillings that differ by less are the same: they are told in four digits."""
+
 PLAIN = "raw"
 """The plain average: shown to compare with, but no run gives it as its field, so it is not advised."""
 
@@ -144,17 +147,19 @@ def _is_worst(option: Option, alike: Sequence[Option], measure: Measure) -> bool
     """Whether no other filling among these has a larger error, nor is without a field."""
     for filling in {other.changes.get("dem.seed") for other in alike} - {option.changes.get("dem.seed")}:
         others = [other for other in alike if other.changes.get("dem.seed") == filling]
-        if max(map(_time, others)) < _time(option):
+        if max(map(_time, others)) * SAME_LENGTH < _time(option):
             continue
-        sooner = [other for other in others if other.method == option.method and _time(other) <= _time(option)]
+        reached = SAME_LENGTH * _time(option)
+        sooner = [other for other in others if other.method == option.method and _time(other) <= reached]
         if not sooner or measure(max(sooner, key=_time)) > measure(option):
             return False
     return True
 
 
 def _time(option: Option) -> float:
-    """Simulated time of its run [s], 0 where none is told; lengths of two fillings may differ by rounding."""
-    return round(float(option.changes.get("dem.max_time", 0.0)), 2)
+    """Simulated time of its run [s]; 0 where no number tells it, as of a hybrid with a unit or `auto`."""
+    time = _value(option.changes.get("dem.max_time", ""))
+    return time if isinstance(time, float) else 0.0
 
 
 def _settings(option: Option) -> frozenset[tuple[str, str | float]]:

@@ -100,6 +100,25 @@ def test_a_filling_that_was_run_longer_or_at_another_length_is_judged_as_far_as_
     assert advise([filled("base", "8", 0.02), filled("7", "10.4", 0.06), filled("7", "6", 0.07)], 0.05).option is None
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_lengths_are_told_apart_whatever_the_size_of_the_vessel(unit: float) -> None:
+    def times(point: str, *made: tuple[float, float]) -> list[Option]:
+        return [filled(point, f"{unit * time:.4g}", rest) for time, rest in made]
+
+    options = [*times("base", (8, 0.02), (10, 0.03)), *times("7", (8.003, 0.01), (9.6, 0.06))]
+    assert advise(options, 0.05).option is options[0]
+    assert advise(options[1:], 0.05).option is options[1]
+
+
+def test_a_time_with_a_unit_is_none_that_lengths_are_compared_by() -> None:
+    hybrid = [filled("base", "8", 0.02), filled("7", "9", 0.03)]
+    hybrid = [
+        replace(one, changes=one.changes | {"dem.max_time": text})
+        for one, text in zip(hybrid, ("16 s", "auto"), strict=True)
+    ]
+    assert advise(hybrid, 0.05).option is hybrid[1]
+
+
 def test_numbers_are_settings_however_they_are_written() -> None:
     one, other = filled("base", "8", 0.03), filled("7", "8", 0.06)
     soft = [replace(one, changes=one.changes | {"contact.youngs_modulus": "2e7"}),
