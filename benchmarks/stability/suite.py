@@ -30,6 +30,7 @@ from granpipe.errors import CaseError, RunError
 from granpipe.field import Field, Grid
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_stages import compose_deck, make_walls
+from granpipe.pipeline.records import SettleRecord
 from granpipe.planning.plan import Plan, make_plan
 from granpipe.progress import Progress, Silent
 from granpipe.system.pool import Task, run_together
@@ -244,10 +245,19 @@ def _snapshots(folder: Path) -> list[tuple[int, Snapshot]]:
 def _flow(plan: Plan, own: Path) -> Truth:
     """What the snapshots of granpipe's own run show."""
     beds = [found for folder in own.glob("results/.store/produce-*/snapshots") for found in _snapshots(folder)]
-    settings = plan.dem
+    settings = _run_settings(plan, own)
     times = [step * settings.time_step for step, _ in beds]
     outlet = plan.outline.z_bottom
     return flow_truth(times, [bed for _, bed in beds], settings.plate_speed, settings.plate_z, outlet)
+
+
+def _run_settings(plan: Plan, own: Path) -> Settings:
+    """The settings of the run: a bed that was too soft is filled again, stiffer, with a shorter time step."""
+    filled = [SettleRecord.read(path.parent).youngs_modulus for path in own.glob("results/.store/settle-*/settle.json")]
+    youngs = max(filled, default=plan.dem.youngs_modulus)
+    if youngs == plan.dem.youngs_modulus:
+        return plan.dem
+    return make_plan(varied(plan.case, {"contact.youngs_modulus": repr(youngs)})).dem
 
 
 def write_page(judged: Sequence[Judged], folder: Path, page_folder: Path) -> Path:

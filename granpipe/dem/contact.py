@@ -9,6 +9,9 @@ GRAVITY = 9.81  # m/s²
 MEAN_OVERLAP, P99_OVERLAP = 0.015, 0.05
 """Overlap of touching particles over their mean diameter, at most: mean and 99th percentile of a bed."""
 
+WALL_OVERLAP = 0.5
+"""Overlap of the smallest particles with a wall over their radius, at most, under 99 % of what the largest bear."""
+
 JANSSEN_RATIO = 0.4
 """Horizontal over vertical stress of a bed at rest."""
 
@@ -101,6 +104,17 @@ def softened_modulus(mean_stress: float, peak_stress: float, poisson: float) -> 
         peak_stress * (_P99_FACTOR / P99_OVERLAP) ** 1.5,
     )
     return modulus / effective_modulus(1.0, poisson)
+
+
+def wall_stiffening(size_ratio: float) -> float:
+    """Factor on it where the smallest particles are so many times smaller than the largest that press them into walls.
+
+    Under the force F = 4/3 E* √(R/2) (2 R δ)^(3/2) of two largest with the 99th percentile of overlap δ, one of radius
+    R/q between one of them and a flat wall goes into it by (2 δ^(3/2) q²)^(2/3) of its radius (Hertz); beyond one its
+    centre is outside, and it is lost.
+    """
+    factor: float = 2 * (P99_OVERLAP / WALL_OVERLAP) ** 1.5 * size_ratio**2
+    return max(1.0, factor)
 
 
 def stiffening(mean_overlap: float, p99_overlap: float) -> float:

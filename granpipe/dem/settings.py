@@ -352,7 +352,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     stress = vessel.bed_stress(
         level, vessel.outlet - averaged_clearance, PACKING * case.material.density, case.contact.wall.friction
     )
-    youngs, youngs_choice = _youngs_modulus(case, stress)
+    youngs, youngs_choice = _youngs_modulus(case, stress, classes)
     speed, speed_choice = _flow_speed(case, vessel, classes, stress)
     start = _faster_start(case, vessel, classes, speed)
     inlet_speed = speed * vessel.outlet_area / vessel.inlet_area
@@ -552,14 +552,17 @@ def _plate_choice(clearance: float) -> Decision:
     return Decision("plate", f"{clearance:.3g} m", criterion)
 
 
-def _youngs_modulus(case: Case, stress: BedStress) -> tuple[float, Decision]:
-    law = case.contact
-    needed = contact.softened_modulus(stress.mean, stress.peak, law.poisson)
+def _youngs_modulus(case: Case, stress: BedStress, classes: SizeClasses) -> tuple[float, Decision]:
+    law, ratio = case.contact, classes.largest / classes.smallest
+    pressed = contact.wall_stiffening(ratio)
+    needed = contact.softened_modulus(stress.mean, stress.peak, law.poisson) * pressed
     youngs = contact.two_digits_up(needed) if law.youngs_modulus == "auto" else float(law.youngs_modulus)
     criterion = (
         f"overlap at most {contact.MEAN_OVERLAP:.1%} on average and {contact.P99_OVERLAP:.1%} at the 99th percentile "
         f"under Janssen's {stress.mean:.3g} Pa on average and {stress.peak:.3g} Pa at most"
     )
+    if pressed > 1:
+        criterion += f"; {pressed:.2g} times that, so that the largest do not press the smallest through walls"
     breach = "" if youngs >= 0.5 * needed else f"the bed overlaps too much; it needs about {needed:.2g} Pa"
     return youngs, Decision("youngs_modulus", f"{youngs:.3g} Pa", criterion, breach)
 

@@ -77,6 +77,12 @@ class Turn:
         """Part of the radius by which the middle of a facet lies inside the circle."""
         return 1 - self.scale * cos(pi / self.facets)
 
+    def circle(self, x: Array, y: Array) -> Array:
+        """Radius of the circle whose polygon, with a corner at y = 0, goes through points (x, y) [m]."""
+        half = pi / self.facets
+        from_middle = np.arctan2(y, x) % (2 * half) - half
+        return np.asarray(np.hypot(x, y) * np.cos(from_middle) / (self.scale * cos(half)))
+
     def width(self, radius: float) -> float:
         """Length of a facet's horizontal side [m]."""
         return 2 * self.scale * radius * sin(pi / self.facets)

@@ -84,11 +84,11 @@ def build_walls(
         raise ValueError("reservoir and extension lie outside the outline")
     if not outline.measure.axial:
         return _slab(outline, top, bottom, plate_z, folder)
-    turn = _turn(outline.r_max, particle_diameter, facets)
+    turns = facet_turns(outline, particle_diameter, facets)
+    turn = turns[""]
     lines = {"vessel": ([with_ends(outline.wall, top, bottom)], turn)}
     for name in outline.obstacles:
-        radius = _group_radius(outline, name)
-        lines[f"obstacle_{name}"] = (_exposed(outline, name), _turn(radius, particle_diameter, facets))
+        lines[f"obstacle_{name}"] = (_exposed(outline, name), turns[name])
     if plate_z is not None:
         lines["plate"] = ([np.array([[0.0, plate_z], [outline.outlet_radius, plate_z]])], turn)
     files, meshes = {}, {}
@@ -107,6 +107,25 @@ def build_walls(
         smallest_angle=min(checked_angle(name, mesh) for name, mesh in meshes.items()),
         box=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], axis=1),
     )
+
+
+def facet_turns(outline: Outline, particle_diameter: float, facets: int | None) -> dict[str, Turn]:
+    """Name of an obstacle, "" for the vessel → the facets of its walls.
+
+    Parameters
+    ----------
+    particle_diameter : what the chord error is measured by [m]
+    facets : per turn; None: as few as the chord error allows
+
+    Raises
+    ------
+    MeshError : the walls would need more facets per turn than LIGGGHTS takes
+    """
+
+    def turn(radius: float) -> Turn:
+        return Turn.within(radius, particle_diameter) if facets is None else Turn.of(facets, particle_diameter)
+
+    return {"": turn(outline.r_max)} | {name: turn(_group_radius(outline, name)) for name in outline.obstacles}
 
 
 def _slab(outline: Outline, top: float, bottom: float, plate_z: float | None, folder: Path) -> Walls:
@@ -135,10 +154,6 @@ def _slab(outline: Outline, top: float, bottom: float, plate_z: float | None, fo
         smallest_angle=min(checked_angle(name, mesh) for name, mesh in meshes.items()),
         box=np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))], axis=1),
     )
-
-
-def _turn(radius: float, particle_diameter: float, facets: int | None) -> Turn:
-    return Turn.within(radius, particle_diameter) if facets is None else Turn.of(facets, particle_diameter)
 
 
 def _group_radius(outline: Outline, name: str) -> float:

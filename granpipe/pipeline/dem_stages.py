@@ -96,7 +96,7 @@ def make_walls(plan: Plan, context: Context) -> Path:
 
     def work(folder: Path) -> None:
         if plan.space is None:
-            walls = build_walls(plan.simulated, folder=folder, facets=_facets(plan), **_wall_lengths(plan))
+            walls = build_walls(plan.simulated, folder=folder, facets=plan.facets, **_wall_lengths(plan))
         else:
             walls = build_space_walls(plan.space, folder=folder, **_wall_lengths(plan))
         triangles = dict(walls.triangles)
@@ -116,7 +116,7 @@ def _walls_key(plan: Plan, versions: Mapping[str, str]) -> str:
     inputs = _wall_lengths(plan) | {
         "wall": outline.wall.tolist(),
         "obstacles": {name: polygon.tolist() for name, polygon in outline.obstacles.items()},
-        "facets": _facets(plan),
+        "facets": plan.facets,
         "gmsh": versions["gmsh"],
     }
     if not outline.measure.axial:
@@ -124,10 +124,6 @@ def _walls_key(plan: Plan, versions: Mapping[str, str]) -> str:
     if outline.measure.walled:
         inputs["walled"] = True
     return key_of("walls", _WALLS_VERSION, inputs)
-
-
-def _facets(plan: Plan) -> int | None:
-    return None if plan.case.dem.facets == "auto" else int(plan.case.dem.facets)
 
 
 def _wall_lengths(plan: Plan) -> dict[str, float]:

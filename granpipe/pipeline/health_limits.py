@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from granpipe.field import Array, Mask
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline
 from granpipe.geometry.polyline import inside_polygon
+from granpipe.geometry.revolve import Turn
 from granpipe.geometry.space_vessel import SpaceVessel
+from granpipe.geometry.walls import facet_turns
 from granpipe.planning.flow import free_discharge
 
 PROFILE = 2.0
@@ -22,8 +25,9 @@ PROFILE = 2.0
 _ROWS = 1000
 
 
-def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> FlowLimits:
-    """Walls, openings and the scales of the flow."""
+def flow_limits(outline: Outline, settings: Settings, wall_friction: float, facets: int | None) -> FlowLimits:
+    """Walls, openings and the scales of the flow; `facets` per turn are the case's, None where it leaves them."""
+    turns = facet_turns(outline, settings.classes.sauter_diameter, facets) if outline.measure.axial else {}
     bulk_flow = settings.inlet_speed * outline.inlet_area
     speed = bulk_flow / outline.outlet_area
     openings = find_openings(outline)
@@ -31,7 +35,7 @@ def flow_limits(outline: Outline, settings: Settings, wall_friction: float) -> F
     edges = [opening for opening in openings if settings.open_outlet or opening.z > outline.z_bottom]
     return FlowLimits(
         measure=outline.measure,
-        inside=lambda at: _inside(outline, at),
+        inside=lambda at: _inside(outline, turns, at),
         levels={_described(opening): opening.z for opening in openings},
         areas={_described(opening): _free_area(outline, opening.z) for opening in openings},
         loads={_described(opening): _load(outline, settings, opening, bulk_flow) for opening in openings},
@@ -100,14 +104,21 @@ def _elastic_energy(outline: Outline, settings: Settings, wall_friction: float) 
     return contact.MEAN_OVERLAP * contact.janssen_step(0.0, 1.0, widest, wall_friction, height)
 
 
-def _inside(outline: Outline, centres: Array) -> Mask:
-    """(n,) whether points (n, 3) lie within the walls and outside the obstacles."""
+def _inside(outline: Outline, turns: Mapping[str, Turn], centres: Array) -> Mask:
+    """(n,) whether points (n, 3) lie within the walls and outside the obstacles, as flat as their facets are.
+
+    Small particles get into corners between facets that stand outside the circle, and press on their middles inside it.
+    """
     x, y, z = centres.T
-    r = outline.measure.across(x, y)
+
+    def across(name: str) -> Array:
+        return turns[name].circle(x, y) if turns else outline.measure.across(x, y)
+
+    r = across("")
     free = outline.measure.within_depth(y)
     free &= r < np.maximum(outline.wall_radius(z, "below"), outline.wall_radius(z, "above"))
     if not outline.measure.axial:
         free &= r > np.minimum(outline.left_end(z, "below"), outline.left_end(z, "above"))
-    for polygon in outline.obstacles.values():
-        free &= ~inside_polygon(np.column_stack([r, z]), polygon)
+    for name, polygon in outline.obstacles.items():
+        free &= ~inside_polygon(np.column_stack([across(name), z]), polygon)
     return np.asarray(free)

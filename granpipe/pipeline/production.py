@@ -221,7 +221,7 @@ class ProductionRun:
         settings = self.settings
         friction = self.plan.case.contact.wall.friction
         if self.plan.space is None:
-            vessel = flow_limits(self.plan.simulated, settings, friction)
+            vessel = flow_limits(self.plan.simulated, settings, friction, self.plan.facets)
         else:
             vessel = space_limits(self.plan.space, settings, friction)
         catcher = settings.plate_z - self.deck.catcher_depth if settings.open_outlet else float("-inf")

@@ -173,6 +173,11 @@ class Plan:
         return self.outline if self.set_back is None else self.set_back
 
     @property
+    def facets(self) -> int | None:
+        """Facets of the walls per turn that the case asks for; None where it leaves them to granpipe."""
+        return None if self.case.dem.facets == "auto" else int(self.case.dem.facets)
+
+    @property
     def deposit_grid(self) -> Grid:
         """The grid on which particles are summed: the columns of the field's own, and more where walls are set back."""
         if self.set_back is None:

@@ -111,6 +111,15 @@ def test_a_bed_that_overlaps_twice_as_much_as_it_may_needs_almost_three_times_th
     assert contact.stiffening(0.0, contact.P99_OVERLAP) == pytest.approx(1)
 
 
+def test_ten_times_smaller_particles_need_six_times_the_stiffness_not_to_be_pressed_through_walls() -> None:
+    """Two of radius 1 m that overlap by 5 % of 2 m bear 4/3 E* √0.5 · 0.1^1.5 N = 0.02981 E*; one of 0.1 m against a
+    flat wall goes in by (0.02981 · 0.75 / (√0.1 · 6.325))^(2/3) = 0.05 m, half its radius, if that is 6.325 times
+    stiffer, by hand. Up to a ratio of 3.98 the bed's own limits are enough."""
+    assert contact.wall_stiffening(10) == pytest.approx(6.325, rel=1e-3)
+    assert contact.wall_stiffening(3.9) == 1
+    assert contact.wall_stiffening(4.1) > 1
+
+
 def test_strong_damping_shortens_the_step() -> None:
     shares = [contact.step_share("epsd2", e) for e in (0.06, 0.2, 0.43, 0.9, 1.0)]
     assert shares == sorted(shares)

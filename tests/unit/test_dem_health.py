@@ -24,7 +24,9 @@ SPEED = 0.03  # of the plate in the tiny case
 def health(tiny: Path, present: int = 100, **changes: str) -> FlowHealth:
     case = load_case(tiny, {key.replace("__", "."): value for key, value in changes.items()})
     plan = make_plan(case)
-    return FlowHealth(plan.dem, case, flow_limits(plan.outline, plan.dem, case.contact.wall.friction), present)
+    return FlowHealth(
+        plan.dem, case, flow_limits(plan.outline, plan.dem, case.contact.wall.friction, plan.facets), present
+    )
 
 
 def status(step: int = 0, particles: int = 100, energy: float = 1e-3, inserted: int = 0, discharged: int = 0) -> Status:
@@ -64,7 +66,11 @@ def test_what_had_fallen_before_a_resume_may_go_unseen_and_no_more(tiny: Path) -
     case = load_case(tiny)
     plan = make_plan(case)
     watch = FlowHealth(
-        plan.dem, case, flow_limits(plan.outline, plan.dem, case.contact.wall.friction), present=100, fallen=2
+        plan.dem,
+        case,
+        flow_limits(plan.outline, plan.dem, case.contact.wall.friction, plan.facets),
+        present=100,
+        fallen=2,
     )
     for left in (100, 99, 98):
         watch.row(status(particles=left))
@@ -183,6 +189,17 @@ def falling(watch: FlowHealth, passes: bool, diameters: float) -> None:
         watch.snapshot(snapshot(step, start - travel[:, None] * [0, 0, 1]))
 
 
+def test_small_particles_are_looked_for_behind_the_facets_and_not_behind_the_circle(tiny: Path) -> None:
+    """A square of the area of a circle of 6 cm has its corners 7.52 cm from the axis and its sides 5.32 cm."""
+    case = load_case(tiny)
+    vessel = flow_limits(make_plan(case).outline, make_plan(case).dem, 0.5, 4)
+    corner, side = math.sqrt(math.pi / 2) * 0.06, math.sqrt(math.pi) / 2 * 0.06
+    for turn, reach in ((0, corner), (90, corner), (45, side), (225, side)):
+        across = np.array([math.cos(math.radians(turn)), math.sin(math.radians(turn))])
+        centres = np.array([[*(part * reach * across), 0.01] for part in (0.99, 1.01)])
+        assert vessel.inside(centres).tolist() == [True, False]
+
+
 def test_an_arch_at_the_outlet_is_named_after_some_diameters_of_plate_travel(tiny: Path) -> None:
     falling(health(tiny), passes=True, diameters=9)
     falling(health(tiny), passes=False, diameters=4.5)  # bursts and the start are no arch
@@ -196,7 +213,7 @@ def test_an_arch_in_a_throat_is_named_after_some_diameters_of_travel_in_the_thro
     size = {"material.size": "{diameter: 1 cm}", "dem.coarse_grain_factor": "2"}
     case = load_case(tiny, {"outline.wall": wall, "outline.sections": "{all: [60, 0]}"} | size)
     plan = make_plan(case)
-    settings, vessel = plan.dem, flow_limits(plan.outline, plan.dem, case.contact.wall.friction)
+    settings, vessel = plan.dem, flow_limits(plan.outline, plan.dem, case.contact.wall.friction, plan.facets)
     diameter = settings.classes.sauter_diameter
     steps = round(0.1 * diameter / vessel.speed / settings.time_step)
     spheres = column(low=0.01, high=0.6)

@@ -256,7 +256,7 @@ def test_the_box_is_periodic_in_y_alone_and_regions_have_the_slabs_volume():
 
 def test_a_particle_behind_the_left_wall_is_outside():
     plan = planned()
-    limits = flow_limits(plan.outline, plan.dem, 0.5)
+    limits = flow_limits(plan.outline, plan.dem, 0.5, None)
     x, z = np.array([-0.049, -0.051, -0.03, 0.029, 0.031, 0.0]), np.array([0.15, 0.15, 0.01, 0.15, 0.15, 0.01])
     centres = np.column_stack([x, np.zeros(6), z])
     assert limits.inside(centres).tolist() == [True, False, False, True, False, True]

@@ -196,7 +196,7 @@ def test_particles_are_inserted_clear_of_the_front_and_the_back_wall():
 def test_a_centre_beyond_the_front_or_the_back_wall_is_outside():
     plan = planned()
     centres = np.array([[0.0, y, 0.15] for y in (-1e-4, 1e-4, DEPTH - 1e-4, DEPTH + 1e-4)])
-    assert flow_limits(plan.outline, plan.dem, 0.5).inside(centres).tolist() == [False, True, True, False]
+    assert flow_limits(plan.outline, plan.dem, 0.5, None).inside(centres).tolist() == [False, True, True, False]
 
 
 # --- the plan ---------------------------------------------------------------------------------------------------------
