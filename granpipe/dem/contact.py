@@ -10,7 +10,8 @@ MEAN_OVERLAP, P99_OVERLAP = 0.015, 0.05
 """Overlap of touching particles over their mean diameter, at most: mean and 99th percentile of a bed."""
 
 WALL_OVERLAP = 0.5
-"""Overlap of the smallest particles with a wall over their radius, at most, under 99 % of what the largest bear."""
+"""Overlap of the smallest particles with a wall over their radius, at most, where the largest press on them with the
+99th percentile of the force between two of these."""
 
 JANSSEN_RATIO = 0.4
 """Horizontal over vertical stress of a bed at rest."""

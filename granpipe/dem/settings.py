@@ -85,9 +85,12 @@ LEAST_GAP = 5.0
 LEAST_COARSE_GAP = 3.0
 """The same of particles that stand for smaller ones: such a run is marked, but it tells what coarseness costs."""
 
-SKIN, WIDEST_SKIN = 0.2, 0.3
-"""Neighbour skin in mean diameters, and at the most, where the time step needs it: then a step costs 3 % more (see
-docs/validation/deck_levers.md)."""
+SKIN, WIDE_SKIN = 0.2, 0.4
+"""Neighbour skin in mean diameters, and at the most, where the time step needs it."""
+
+MANY_PARTICLES = 1e4
+"""From so many on, where the step needs more than the usual skin, the widest costs least: what falls goes so far in a
+step that lists are built every six to nine steps (docs/validation/deck_levers.md)."""
 
 RATE = 2.6e6
 """Particle-steps per second of one rank: 2.6e6 to 3.0e6 with hertz/epsd2 and 4 000 to 100 000 spheres in the test
@@ -366,7 +369,9 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     highest = start.most if start else speed
     gravity = contact.GRAVITY / classes.mass_factor  # so that the bed weighs the same
     fall = math.sqrt(2 * gravity * (level + feed / 2 - plate_z) + (FEED * inlet_speed) ** 2) + highest
-    skin, skin_choice = _skin(case, classes, youngs, fall)
+    room = vessel.volume + vessel.inlet_area * reservoir + vessel.outlet_area * clearance
+    full = PACKING * room / classes.mean_volume
+    skin, skin_choice = _skin(case, classes, youngs, fall, full)
     step, rayleigh, step_choice = _time_step(case, classes, youngs, fall, skin)
     plate_speed = 0.0 if open_outlet else speed
     travel = plate_speed * length.time + length.start_travel
@@ -382,9 +387,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         rest = NEAR_REST if slowest >= NEAR_REST * grain_speed else REST
         left_out = start_segments + math.ceil(after / (speed * segment_time) - 1e-9)
     deepest = max(p * plate_speed * length.room - up for p, up in zip(vessel.plates, vessel.rises, strict=True))
-    room = vessel.volume + vessel.inlet_area * reservoir + vessel.outlet_area * clearance
-    full, sunk = (PACKING * volume / classes.mean_volume for volume in (room, 0.5 * vessel.outlet_area * travel))
-    particles = round(full + sunk)
+    particles = round(full + PACKING * 0.5 * vessel.outlet_area * travel / classes.mean_volume)
     bed_top = level + feed / 2
     if packable(classes):
         bed_top += min(LOOSE_ROOM * room / vessel.inlet_area, 0.5 * (level - plate_z))
@@ -553,17 +556,21 @@ def _plate_choice(clearance: float) -> Decision:
 
 
 def _youngs_modulus(case: Case, stress: BedStress, classes: SizeClasses) -> tuple[float, Decision]:
-    law, ratio = case.contact, classes.largest / classes.smallest
-    pressed = contact.wall_stiffening(ratio)
-    needed = contact.softened_modulus(stress.mean, stress.peak, law.poisson) * pressed
+    law, pressed = case.contact, contact.wall_stiffening(classes.largest / classes.smallest)
+    bed = contact.softened_modulus(stress.mean, stress.peak, law.poisson)
+    needed = bed * pressed
     youngs = contact.two_digits_up(needed) if law.youngs_modulus == "auto" else float(law.youngs_modulus)
     criterion = (
         f"overlap at most {contact.MEAN_OVERLAP:.1%} on average and {contact.P99_OVERLAP:.1%} at the 99th percentile "
         f"under Janssen's {stress.mean:.3g} Pa on average and {stress.peak:.3g} Pa at most"
     )
     if pressed > 1:
-        criterion += f"; {pressed:.2g} times that, so that the largest do not press the smallest through walls"
-    breach = "" if youngs >= 0.5 * needed else f"the bed overlaps too much; it needs about {needed:.2g} Pa"
+        criterion += f"; {pressed:.2g} times as stiff, so that the largest do not press the smallest through walls"
+    breach = ""
+    if youngs < 0.5 * bed:
+        breach = f"the bed overlaps too much; it needs about {needed:.2g} Pa"
+    elif youngs < 0.5 * needed:
+        breach = f"the largest may press the smallest through walls; it needs about {needed:.2g} Pa"
     return youngs, Decision("youngs_modulus", f"{youngs:.3g} Pa", criterion, breach)
 
 
@@ -609,17 +616,20 @@ def _step_limits(case: Case, classes: SizeClasses, youngs: float, speed: float, 
     return step_limits(law, min(law.restitution, law.wall.restitution), classes.smallest, density, youngs, speed, skin)
 
 
-def _skin(case: Case, classes: SizeClasses, youngs: float, speed: float) -> tuple[float, Decision]:
-    """Neighbour skin [m]: the usual one, or one as wide as the time step needs that the contacts allow."""
-    usual, widest = (contact.two_digits(share * classes.mean_diameter) for share in (SKIN, WIDEST_SKIN))
+def _skin(case: Case, classes: SizeClasses, youngs: float, speed: float, particles: float) -> tuple[float, Decision]:
+    """Neighbour skin [m] of so many particles, of which none is faster than a speed [m/s]."""
+    usual, wide = (contact.two_digits(share * classes.mean_diameter) for share in (SKIN, WIDE_SKIN))
     given = case.dem.time_step
     allowed = min(_step_limits(case, classes, youngs, speed, math.inf).values())
     step = contact.two_digits(allowed) if given == "auto" else float(given)
     needed = contact.two_digits_up(step * speed / contact.SKIN_SHARE)
-    skin = min(max(usual, needed), widest)
     criterion = f"{SKIN:g} of the mean diameter"
-    if skin > usual:
-        criterion += f", at most {WIDEST_SKIN:g} where the time step needs it"
+    if needed <= usual:
+        return usual, Decision("neighbour skin", f"{usual:.3g} m", criterion)
+    skin = wide if particles >= MANY_PARTICLES else min(needed, wide)
+    criterion += (
+        f", at most {WIDE_SKIN:g} where the time step needs more: so much with {MANY_PARTICLES:g} particles and above"
+    )
     return skin, Decision("neighbour skin", f"{skin:.3g} m", criterion)
 
 

@@ -206,7 +206,8 @@ def slope(snapshot: Snapshot) -> float:
 
 def _deck(case: Case, pair: Pair, classes: SizeClasses) -> HeapDeck:
     tall = LEDGE + 0.5 * DROPS + LENGTH * math.tan(FILL_ANGLE)
-    youngs = contact.two_digits_up(contact.softened_modulus(0.5 * PACKING * tall, PACKING * tall, case.contact.poisson))
+    youngs = contact.softened_modulus(0.5 * PACKING * tall, PACKING * tall, case.contact.poisson)
+    youngs = contact.two_digits_up(youngs * contact.wall_stiffening(classes.largest / classes.smallest))
     skin = contact.two_digits(SKIN * classes.mean_diameter)
     step = _time_step(case, classes, youngs, skin)
     model = f"model hertz tangential history rolling_friction {case.contact.rolling_model}"

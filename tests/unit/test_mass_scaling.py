@@ -53,16 +53,31 @@ def test_the_time_step_is_that_of_the_sauter_diameter(tiny: Path) -> None:
     assert scaled.time_step / plain.time_step == pytest.approx(ratio, rel=0.05)  # two digits
 
 
-def test_the_neighbour_skin_is_as_wide_as_the_step_needs_and_no_wider_than_three_tenths() -> None:
-    changes = {"dem.coarse_grain_factor": "1"}
+def test_the_neighbour_skin_is_as_wide_as_the_step_needs_and_no_wider_than_four_tenths() -> None:
+    changes = {"dem.coarse_grain_factor": "2.5"}
     wide, stiff, soft = (
         make_plan(load_case(CASES / "reactor.yaml", changes | {"contact.youngs_modulus": youngs})).dem
-        for youngs in ("4e6", "1e8", "1e6")
+        for youngs in ("2e6", "1e8", "3e5")
     )
-    assert stiff.skin == pytest.approx(0.2 * stiff.classes.mean_diameter, rel=0.01)
-    assert 0.2 < wide.skin / wide.classes.mean_diameter < 0.3
-    assert wide.time_step / stiff.time_step == pytest.approx(25**0.5, rel=0.05)  # E^(−1/2), two digits: no skin in it
-    assert soft.skin == pytest.approx(0.3 * soft.classes.mean_diameter, rel=0.06)  # then the skin rules the step
+    assert stiff.particles < 1e4
+    assert stiff.skin == pytest.approx(0.2 * stiff.classes.mean_diameter, rel=0.05)
+    assert 0.21 < wide.skin / wide.classes.mean_diameter < 0.39
+    assert wide.time_step / stiff.time_step == pytest.approx(50**0.5, rel=0.05)  # E^(−1/2), two digits: no skin in it
+    assert soft.skin == pytest.approx(0.4 * soft.classes.mean_diameter, rel=0.05)  # then the skin rules the step
+    assert soft.time_step < 0.9 * wide.time_step * (2e6 / 3e5) ** 0.5
+
+
+def test_many_particles_whose_step_needs_more_than_the_usual_skin_have_the_widest() -> None:
+    few, many, stiffer = (
+        make_plan(
+            load_case(CASES / "reactor.yaml", {"dem.coarse_grain_factor": factor, "contact.youngs_modulus": e})
+        ).dem
+        for factor, e in (("2.5", "2e6"), ("2", "2e6"), ("2", "1e8"))
+    )
+    assert few.particles < 1e4 < many.particles
+    shares = [one.skin / one.classes.mean_diameter for one in (few, many, stiffer)]
+    assert 0.21 < shares[0] < 0.39
+    assert shares[1:] == pytest.approx([0.4, 0.2], rel=0.05)
 
 
 def test_the_bed_weighs_what_the_material_does() -> None:

@@ -97,6 +97,17 @@ def test_a_modulus_of_the_case_that_is_far_too_soft_is_marked(tiny: Path) -> Non
     assert "overlaps" in breach
 
 
+def test_a_mixture_of_ten_to_one_is_stiffer_so_that_the_large_do_not_press_the_small_through_walls(tiny: Path) -> None:
+    """Few small ones: the bed is that of the large ones, and its stress the same to 2 %."""
+    size = "{{diameter: {{sieve: {{edges: {}, fractions: {}}}}}, by: mass}}"
+    large = {"material__size": size.format("[20 mm, 20.2 mm]", "[1]")}
+    mixed = {"material__size": size.format("[2 mm, 2.02 mm, 20 mm, 20.2 mm]", "[0.01, 0, 0.99]")}
+    one, both = (plan_of(tiny, **sizes).dem for sizes in (large, mixed))
+    assert both.youngs_modulus / one.youngs_modulus == pytest.approx(6.325, rel=0.1)  # two digits each
+    (breach,) = plan_of(tiny, **mixed, contact__youngs_modulus=repr(both.youngs_modulus / 4)).breaches
+    assert "through walls" in breach
+
+
 def test_particles_that_neither_rub_nor_lose_energy_are_refused(tiny: Path) -> None:
     with pytest.raises(CaseError, match="never come to rest") as refusal:
         plan_of(tiny, contact__restitution="1", contact__friction="0")
