@@ -108,7 +108,7 @@ def softened_modulus(mean_stress: float, peak_stress: float, poisson: float) -> 
 
 
 def wall_stiffening(size_ratio: float) -> float:
-    """Factor on it where the smallest particles are so many times smaller than the largest that press them into walls.
+    """Factor on the softened modulus where the largest particles, so many times larger, press the smallest into walls.
 
     Under the force F = 4/3 E* √(R/2) (2 R δ)^(3/2) of two largest with the 99th percentile of overlap δ, one of radius
     R/q between one of them and a flat wall goes into it by (2 δ^(3/2) q²)^(2/3) of its radius (Hertz); beyond one its
