@@ -32,7 +32,7 @@ from granpipe.dem.contacts import read_wall_contacts
 from granpipe.dem.deck import DUMP_COLUMNS, Deck, render
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.run import Liggghts
-from granpipe.dem.settings import MANY_PARTICLES, WIDE_SKIN
+from granpipe.dem.settings import MANY_PARTICLES, SKIN, WIDE_SKIN
 from granpipe.dem.snapshot import Snapshot
 from granpipe.field import Array, Mask
 from granpipe.geometry.extrude import write_stl
@@ -51,7 +51,7 @@ from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 
 HERE = Path(__file__).resolve().parent
-REACTOR, SMOKE = (HERE.parent / "cases" / name for name in ("reactor.yaml", "smoke.yaml"))
+REACTOR = HERE.parent / "cases" / "reactor.yaml"
 
 FLOWING = 20
 """Segments after the faster start after which decks are timed: at first nothing falls in cavities, no feed is needed,
@@ -84,8 +84,9 @@ class Lever:
     together: int = 1
 
 
-BASE, OWN, ANEW, CYLINDER = (
-    "skin 0.2 d",
+BASE, WIDE, OWN, ANEW, CYLINDER = (
+    f"skin {SKIN:g} d",
+    f"skin {WIDE_SKIN:g} d",
     "the deck as it is",
     "skin 0.2 d, walls anew",
     "outermost cylinder as primitive",
@@ -419,9 +420,10 @@ def _paragraph(text: str) -> list[str]:
 
 
 def _verdict_section(results: Path) -> list[str]:
-    timed = sorted(results.glob("run-*"))
-    stiff, soft = ([costs(read_rounds(one), BASE) for one in timed if one.name.count("-") == n] for n in (1, 2))
-    found, ranks = stiff[0], costs(read_rounds(min(results.glob("ranks-*"))), "one rank")
+    every = [costs(read_rounds(folder), BASE) for folder in sorted(results.glob("run-*"))]
+    found, *_ = (one for one in every if CYLINDER in one)
+    soft = [one for one in every if CYLINDER not in one]
+    ranks = costs(read_rounds(min(results.glob("ranks-*"))), "one rank")
 
     def saved(name: str, base: str = BASE, at: dict[str, Cost] = found) -> str:
         ratio = at[name].ratio / at[base].ratio
@@ -432,17 +434,17 @@ def _verdict_section(results: Path) -> list[str]:
 
     rows = [
         (
-            f"neighbour skin {WIDE_SKIN:g} d, soft particles, so that a step needs more than 0.2 d",
-            ", ".join(saved(f"skin {WIDE_SKIN:g} d", at=one) for one in soft),
+            f"neighbour {WIDE}, soft particles, so that a step needs more than {SKIN:g} d",
+            ", ".join(saved(WIDE, at=one) for one in soft),
             "rounding, below",
             f"with {MANY_PARTICLES:g} particles and more",
         ),
-        (f"neighbour skin {WIDE_SKIN:g} d otherwise", saved("skin 0.4 d"), "rounding, below", "no: nothing is saved"),
+        (f"neighbour {WIDE} otherwise", saved(WIDE), "rounding, below", "no: nothing is saved"),
         (
             "besides, particles looked at every 5 steps",
-            saved("skin 0.4 d, every 5", "skin 0.4 d"),
+            saved("skin 0.4 d, every 5", WIDE),
             "rounding, below; a contact may be seen up to 4 steps late",
-            "no: a contact that is seen late is stiffer than it should be",
+            "no: the force of a contact that is seen late begins with a jump",
         ),
         (
             "vessel and ring in one mesh",
@@ -537,6 +539,12 @@ def _speed(cost: Cost) -> float:
     return float(np.exp(np.mean([np.log(row.particles * row.steps / row.clock) for row in cost.rows])))
 
 
+def _command(made: Path) -> str:
+    """What made a file or folder of the results."""
+    what, factor, *youngs = made.name.removesuffix(".json").split("-")
+    return " ".join([what, "--factor", factor, *(f"--youngs {one}" for one in youngs)])
+
+
 def _cost_section(results: Path) -> list[str]:
     lines = [
         "## Processor time",
@@ -552,9 +560,8 @@ def _cost_section(results: Path) -> list[str]:
     for folder in sorted(results.glob("run-*")):
         found = costs(read_rounds(folder), BASE)
         row = found[BASE].rows[0]
-        options = folder.name.removeprefix("run-").replace("-", " --youngs ")
         lines += [
-            f"`run --factor {options}`: {row.particles} particles, {row.steps} steps, {len(found[BASE].rows)} rounds, "
+            f"`{_command(folder)}`: {row.particles} particles, {row.steps} steps, {len(found[BASE].rows)} rounds, "
             "one rank.",
             "",
             "| deck | µs a particle-step | over the first | neighbour builds | dangerous |",
@@ -579,7 +586,7 @@ def _path_section(results: Path) -> list[str]:
             "## Paths",
             "",
             *_paragraph(
-                f"`paths --factor {path.stem.removeprefix('paths-')}`: largest distance of any particle from itself "
+                f"`{_command(path)}`: largest distance of any particle from itself "
                 f"with a {BASE.replace('skin', 'skin of')}, in m, so many steps after the same moment. It is rounding "
                 "at first; later some particle is off by less than a thousandth of a diameter, which does not grow. "
                 "What it met differently was not looked into."
@@ -599,7 +606,7 @@ def _contact_section(results: Path) -> list[str]:
             "## Contacts with walls",
             "",
             *_paragraph(
-                f"`contacts --factor {path.stem.removeprefix('contacts-')}`: what LIGGGHTS' `compute wall/gran/local` "
+                f"`{_command(path)}`: what LIGGGHTS' `compute wall/gran/local` "
                 "tells of 50 to 100 steps later, by which wall pressure and stress are made. It takes meshes only."
             ),
             "| deck | contacts with walls | of them in the outermost cylinder |",
@@ -623,7 +630,7 @@ def _rank_section(results: Path) -> list[str]:
             "## Ranks on a busy machine",
             "",
             *_paragraph(
-                f"`ranks --factor {folder.name.removeprefix('ranks-')}`, beside what else the machine did (load "
+                f"`{_command(folder)}`, beside what else the machine did (load "
                 f"average {min(loads):.1f} to {max(loads):.1f} on {os.cpu_count()} cores, part of it at a higher "
                 "priority). Speed is by the clock, in particle-steps a second. Idle cores were not to be had; "
                 "`granpipe calibrate` tells what two ranks gain there. On a busy machine no way of starting two ranks "
@@ -688,21 +695,22 @@ def main() -> None:
         )
     else:
         start = moment(factor, results, youngs=options.youngs)
+        of = f"{factor:g}" if options.youngs == "auto" else f"{factor:g}-{options.youngs}"
         if options.what == "paths":
             paths(
                 options.levers,
                 start,
-                results / f"paths-{factor:g}.json",
+                results / f"paths-{of}.json",
                 results / "work",
             )
         elif options.what == "contacts":
-            contacts(start, results / f"contacts-{factor:g}.json", results / "work")
+            contacts(start, results / f"contacts-{of}.json", results / "work")
         else:
             levers = RANKS if options.what == "ranks" else {name: LEVERS[name] for name in options.levers}
             rounds(
                 levers,
                 start,
-                results / f"{options.what}-{factor:g}{'' if options.youngs == 'auto' else f'-{options.youngs}'}",
+                results / f"{options.what}-{of}",
                 options.repeat,
                 options.steps,
             )

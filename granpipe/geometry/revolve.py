@@ -62,6 +62,11 @@ class Turn:
         """So many facets, whatever their chord error."""
         return cls(facets, CHORD_ERROR * particle_diameter)
 
+    @classmethod
+    def chosen(cls, facets: int | None, radius: float, particle_diameter: float) -> Turn:
+        """So many facets as a case gives; None: as few as the chord error allows, or MeshError."""
+        return cls.within(radius, particle_diameter) if facets is None else cls.of(facets, particle_diameter)
+
     def chord_error(self, radius: float) -> float:
         """How far the circle of this radius stands above the middle of a facet's chord [m]."""
         return radius * (1 - cos(pi / self.facets))

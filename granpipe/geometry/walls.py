@@ -121,11 +121,8 @@ def facet_turns(outline: Outline, particle_diameter: float, facets: int | None) 
     ------
     MeshError : the walls would need more facets per turn than LIGGGHTS takes
     """
-
-    def turn(radius: float) -> Turn:
-        return Turn.within(radius, particle_diameter) if facets is None else Turn.of(facets, particle_diameter)
-
-    return {"": turn(outline.r_max)} | {name: turn(_group_radius(outline, name)) for name in outline.obstacles}
+    radii = {"": outline.r_max} | {name: _group_radius(outline, name) for name in outline.obstacles}
+    return {name: Turn.chosen(facets, radius, particle_diameter) for name, radius in radii.items()}
 
 
 def _slab(outline: Outline, top: float, bottom: float, plate_z: float | None, folder: Path) -> Walls:

@@ -559,7 +559,7 @@ class _Scene:
         if given != "auto" and given % 4:
             raise CaseError(f"must be a multiple of 4, so that quarters are equal, not {given}", ("dem", "facets"))
         try:
-            turn = Turn.within(radius, diameter) if given == "auto" else Turn.of(given, diameter)
+            turn = Turn.chosen(None if given == "auto" else given, radius, diameter)
         except MeshError as too_fine:
             raise CaseError(str(too_fine), ("material", "size")) from None
         error = turn.chord_error(radius) / diameter

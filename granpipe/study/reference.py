@@ -104,7 +104,7 @@ class EarlierRun:
 
 def _bed(plan: Plan) -> list[float]:
     """What makes a run what it is, beside its scene and its seed."""
-    dem, facets = plan.dem, plan.case.dem.facets
+    dem = plan.dem
     return [
         *dem.classes.radius,
         dem.youngs_modulus,
@@ -117,7 +117,7 @@ def _bed(plan: Plan) -> list[float]:
         dem.plate_z,
         dem.placed,
         dem.rest_speed,
-        0.0 if facets == "auto" else float(facets),
+        float(plan.facets or 0),
         plan.outline.measure.turn,
         plan.simulated.r_max,
     ]
