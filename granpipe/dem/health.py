@@ -24,6 +24,7 @@ from granpipe.dem.settings import PACKING, Settings
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import RunError
 from granpipe.field import Array, Mask, Measure
+from granpipe.progress import counted
 
 FREE_SHARE = 0.5
 """Flow over the free discharge through an opening above which the plate may be too fast for the solids to follow."""
@@ -248,7 +249,7 @@ class FlowHealth:
         if len(outside):
             one = outside[0]
             raise RunError(
-                f"step {snapshot.step}: {len(outside)} particles are outside the walls, none may be; one of them "
+                f"step {snapshot.step}: {counted(len(outside), 'particle')} outside the walls, none may be; one "
                 f"(radius {snapshot.radius[one]:.3g} m) at {self._place(snapshot.position[one])}: they were pressed "
                 "or shot through; a larger contact.youngs_modulus or a smaller dem.time_step holds them"
             )

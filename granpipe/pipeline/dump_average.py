@@ -19,6 +19,7 @@ from granpipe.pipeline.dump_survey import JUMP, Survey
 from granpipe.pipeline.dump_window import Request, window
 from granpipe.pipeline.extra_fields import ExtraSums
 from granpipe.pipeline.gates import Gate, run_notes
+from granpipe.progress import counted
 
 _SEGMENTS = 40
 _CHANGE = 0.05  # of the solids, during the average
@@ -89,7 +90,9 @@ def told_of(
     total, within, held = found.mean(found.solids), found.mean(found.solids_within), held_solids(field)
     notes = run_notes(figures)
     if found.empty:
-        notes.append(f"{len(found.empty)} snapshots without particles are left out (first at step {found.empty[0]})")
+        notes.append(
+            f"left out: {counted(len(found.empty), 'snapshot')} without particles (first at step {found.empty[0]})"
+        )
     if abs(last - first) > _CHANGE * max(first, last):
         notes.append(f"the solids change from {first:.3g} to {last:.3g} m³ during the average (--start, --stop)")
     if total - held > 1e-6 * total:

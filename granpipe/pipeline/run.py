@@ -23,7 +23,7 @@ from granpipe.pipeline.results import case_origin, check_folder, is_current, res
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Model, Plan, make_plan
 from granpipe.planning.space import sums_memory
-from granpipe.progress import Progress, duration_text
+from granpipe.progress import Progress, counted, duration_text
 from granpipe.system.cores import free_cores, usable_cores
 from granpipe.system.files import digest
 from granpipe.system.locks import Owner, locked
@@ -204,7 +204,7 @@ def _beside_others(file: CaseFile, plan: Plan, context: Context) -> Plan:
     made = plan_case(file, free)
     if (fewer := max(run.dem.ranks for run in made.runs)) < ranks:
         context.progress.note(
-            f"note: other programs keep cores busy: {fewer} rank{'s' if fewer > 1 else ''} in place of {ranks}, which "
+            f"note: other programs keep cores busy: {counted(fewer, 'rank')} in place of {ranks}, which "
             "would wait for each other; dem.ranks decides it"
         )
     return made
@@ -213,7 +213,7 @@ def _beside_others(file: CaseFile, plan: Plan, context: Context) -> Plan:
 def _require_cores(plan: Plan, cores: int) -> None:
     """CaseError where the case asks for more ranks than there are cores: two on one core wait for each other."""
     if (wanted := max(run.dem.ranks for run in plan.runs)) > cores:
-        raise CaseError(f"{wanted} ranks, but this machine has {cores} cores", ("dem", "ranks"))
+        raise CaseError(f"{wanted} ranks, but this machine has {counted(cores, 'core')}", ("dem", "ranks"))
 
 
 def _require_sums(plan: Plan) -> None:

@@ -11,7 +11,7 @@ from granpipe.fluid.friction_error import expected_error
 from granpipe.planning.forecast import forecast
 from granpipe.planning.plan import Model, Plan
 from granpipe.planning.scene import scene_of
-from granpipe.progress import duration_text
+from granpipe.progress import counted, duration_text
 from granpipe.system.rates import Rates
 
 
@@ -64,7 +64,7 @@ def _dem_lines(title: str, plan: Plan) -> list[str]:
         title,
         *_decision_lines(plan.decisions),
         f"  {dem.particles} particles in {len(dem.classes.radius)} size classes; {dem.steps} steps of "
-        f"{dem.time_step:.3g} s: {dem.duration:.4g} s in {dem.segments} segments; {dem.ranks} ranks",
+        f"{dem.time_step:.3g} s: {dem.duration:.4g} s in {dem.segments} segments; {counted(dem.ranks, 'rank')}",
         *_length_lines(plan.case),
         "",
     ]

@@ -14,7 +14,7 @@ from granpipe.errors import CaseError
 from granpipe.fluid.bulk_friction import bulk_friction_law
 from granpipe.pipeline.gates import Gate, Limit
 from granpipe.planning.bulk_friction import repose_of
-from granpipe.progress import Progress, duration_text
+from granpipe.progress import Progress, counted, duration_text
 from granpipe.repose.heap import DISCARDED, DROPS, FILL_ANGLE, Pair
 from granpipe.repose.heaps import Asked, HeapRecord, Heaps
 from granpipe.repose.response import LEAST, MOST, Crossing, Response, fit
@@ -110,7 +110,7 @@ def search(
         whole = share * (1 + NEAR / len(heaps.missing(first)))
         progress.note(
             f"forecast: about {duration_text(whole / rate / min(cores, NEAR))} for "
-            f"{len(heaps.missing(first)) + NEAR} heaps on {cores} core{'s' if cores > 1 else ''}"
+            f"{len(heaps.missing(first)) + NEAR} heaps on {counted(cores, 'core')}"
         )
     records = heaps.run(first, "heaps")
     response = _fitted(first, records)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from granpipe.errors import RunError
-from granpipe.progress import Progress
+from granpipe.progress import Progress, counted
 from granpipe.sweep import slurm
 from granpipe.sweep.file import Profile
 from granpipe.sweep.folder import Folder
@@ -43,7 +43,7 @@ def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: 
         waiting = queued(folder)
         fresh = [point for point in points if point.name not in waiting]
         if not fresh:
-            progress.note(f"nothing to submit: {len(waiting)} points are in the queue, all others are done")
+            progress.note(f"nothing to submit: {counted(len(waiting), 'point')} in the queue, all others are done")
             return []
         scripts = _next_folder(folder)
         jobs = []
@@ -51,7 +51,8 @@ def submit(folder: Folder, points: Sequence[Point], profile: Profile, progress: 
             lines = _lines([point for point in fresh if _ranks(point, profile) == ranks], most)
             job = _submit_points(folder, scripts, lines, ranks, profile)
             jobs.append(Job(job, [line.split() for line in lines]))
-            progress.note(f"job {job}: {sum(map(len, map(str.split, lines)))} points in {len(lines)} elements")
+            points_told = counted(sum(len(line.split()) for line in lines), "point")
+            progress.note(f"job {job}: {points_told} in {counted(len(lines), 'element')}")
             write_jobs(folder, [*jobs_of(folder), jobs[-1]])
         active = sorted({element.job.split("_")[0] for element in waiting.values()} | {job.job for job in jobs})
         path = _write(scripts / "table.sh", "table.sh.j2", folder, profile, {})

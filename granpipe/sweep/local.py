@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from granpipe.errors import CaseError
-from granpipe.progress import Progress
+from granpipe.progress import Progress, counted
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.points import Point
 from granpipe.sweep.queue import queued
@@ -46,7 +46,7 @@ def run_here(folder: Folder, points: Sequence[Point], cores: int, progress: Prog
     elsewhere = queued(folder)
     points = [point for point in points if point.name not in elsewhere]
     if (most := max((point.ranks for point in points), default=0)) > cores:
-        raise CaseError(f"{most} ranks, but there are {cores} cores here", ("dem", "ranks"))
+        raise CaseError(f"{most} ranks, but this machine has {counted(cores, 'core')}", ("dem", "ranks"))
     ended = 0
 
     def attended(names: Sequence[str], ranks: int) -> Generator[None, None, None]:
@@ -57,7 +57,7 @@ def run_here(folder: Folder, points: Sequence[Point], cores: int, progress: Prog
         progress.update(ended / len(points), f"{ended} of {len(points)} points")
 
     with interrupted_once(), folder.started():
-        progress.stage(folder.name, f"{len(points)} points to run on {cores} cores")
+        progress.stage(folder.name, f"{counted(len(points), 'point')} to run on {counted(cores, 'core')}")
         tasks = (Task(names[0], ranks, attended(names, ranks)) for names, ranks in batches(points, cores))
         run_together(tasks, cores, _POLL)
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from granpipe.progress import duration_text
+from granpipe.progress import counted, duration_text
 from granpipe.sweep import slurm
 from granpipe.sweep.folder import Folder
 from granpipe.sweep.queue import queued
@@ -62,7 +62,8 @@ def summary(found: list[PointStatus]) -> str:
     """``12 points: 3 done, 2 running, 7 waiting``."""
     counts = Counter(one.state for one in found)
     states: tuple[PointState, ...] = ("done", "running", "waiting", "failed", "missing")
-    return f"{len(found)} points: " + ", ".join(f"{counts[state]} {state}" for state in states if counts[state])
+    told = ", ".join(f"{counts[state]} {state}" for state in states if counts[state])
+    return f"{counted(len(found), 'point')}: {told}"
 
 
 def _status(folder: Folder, name: str, element: Element | None, here: bool) -> PointStatus:

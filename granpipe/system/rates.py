@@ -13,6 +13,7 @@ from typing import Annotated
 from pydantic import Field, PositiveInt
 
 from granpipe.errors import DataError, RunError
+from granpipe.progress import counted
 from granpipe.system.files import write_whole
 from granpipe.system.jsonfile import read_json
 from granpipe.system.surroundings import cache_folder, can_be_written
@@ -45,7 +46,7 @@ class Rates:
     @property
     def text(self) -> str:
         """For the user: the rate for each number of ranks, and the machine."""
-        lines = (f"{n} rank{'s' if n > 1 else ''}: {rate:.3g} particle-steps/s" for n, rate in self.by_ranks.items())
+        lines = (f"{counted(n, 'rank')}: {rate:.3g} particle-steps/s" for n, rate in self.by_ranks.items())
         return "\n".join([*lines, f"saved for {machine()}"])
 
     def of(self, ranks: int) -> float:

@@ -337,7 +337,7 @@ def test_a_point_that_is_done_is_told_again_without_a_run(story: Story) -> None:
 def test_a_sweep_is_cancelled(story: Story) -> None:
     for node in ("n1", "n2"):
         story.cluster.run("scontrol", "update", f"NodeName={node}", "State=DRAIN", "Reason=test")
-    assert "1 points in 1 elements" in story.sweep()
+    assert "1 point in 1 element" in story.sweep()
     assert "cancelled jobs" in story.granpipe("sweep", "cancel", "columns.yaml").stdout
     wait_for(lambda: not story.cluster.queue())
     assert story.status()["wrong"][0] == "failed"

@@ -94,7 +94,7 @@ UNPHYSICAL = {
     "blow-up": r"kinetic energy is .* J/kg at the most: the contacts are unstable; make dem\.time_step smaller",
     "nan": r"kinetic energy is nan",
     "not a number": r"column 'x' is not finite",
-    "outside": r"1 particles are outside the walls",
+    "outside": r"1 particle outside the walls",
     "fast": r"a particle moves at 100 m/s",
     "soft": r"overlap by .* give a larger contact\.youngs_modulus",
 }

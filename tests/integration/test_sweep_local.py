@@ -93,7 +93,7 @@ def test_a_second_call_runs_what_has_failed_and_nothing_else(
     root, _ = swept
     done = granpipe(root, "sweep", "run", "sweep.yaml")
     assert done.returncode == 3
-    assert "1 points to run" in done.stderr
+    assert "1 point to run" in done.stderr
 
 
 def test_a_wrong_point_is_refused_before_anything_runs(tmp_path: Path) -> None:

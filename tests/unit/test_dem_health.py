@@ -129,7 +129,7 @@ def test_a_flowing_bed_is_healthy(tiny: Path) -> None:
     "place", [[0.061, 0, 0.05], [0, 0.07, 0.05], [0, 0, -0.2], [0, 0, 0.5]], ids=["wall", "y", "plate", "top"]
 )
 def test_a_particle_outside_the_walls_is_found(tiny: Path, place: list[float]) -> None:
-    with pytest.raises(RunError, match=r"1 particles are outside the walls.*youngs_modulus"):
+    with pytest.raises(RunError, match=r"1 particle outside the walls.*youngs_modulus"):
         health(tiny).snapshot(snapshot(0, np.vstack([column(), place])))
 
 

@@ -170,7 +170,7 @@ def test_snapshots_without_particles_are_left_out_and_said(tmp_path: Path, at: i
     series.insert(at, tuple(a[:0] for a in series[0]))
     made = averaged(write(tmp_path, series))
     assert made.figures["empty_snapshots"] == 1
-    assert f"1 snapshots without particles are left out (first at step {1000 * at})" in made.notes
+    assert f"left out: 1 snapshot without particles (first at step {1000 * at})" in made.notes
     assert made.figures["snapshots"] == 6
     with pytest.raises(DataError, match="no particles"):
         averaged(write(tmp_path, [series[at]]))

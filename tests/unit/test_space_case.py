@@ -193,7 +193,7 @@ def health_of(plan: Plan, present: int) -> FlowHealth:
 def test_a_particle_outside_the_walls_ends_the_run(plan: Plan, place: tuple[float, float, float]) -> None:
     inside = np.array([[-0.025, 0.0, 0.0], [0.025, 0.0, -0.01], [0.0, 0.0, 0.06], [0.0, 0.0, 0.1]])
     health_of(plan, 4).snapshot(particles(0, inside))
-    with pytest.raises(RunError, match="1 particles are outside the walls"):
+    with pytest.raises(RunError, match="1 particle outside the walls"):
         health_of(plan, 5).snapshot(particles(0, np.vstack([inside, place])))
 
 

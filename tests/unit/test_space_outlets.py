@@ -176,7 +176,7 @@ def test_a_particle_below_the_plate_of_a_higher_outlet_has_got_through_it(taps: 
     health = FlowHealth(taps.dem, taps.case, space_limits(taps.space, taps.dem, 0.5), 1)
     level = taps.dem.plate_z + 0.032
     health.snapshot(snapshot(0, np.array([[0.09, 0.024, level + 1e-3]])))
-    with pytest.raises(RunError, match="1 particles are outside the walls"):
+    with pytest.raises(RunError, match="1 particle outside the walls"):
         health.snapshot(snapshot(1, np.array([[0.09, 0.024, level - 1e-3]])))
 
 

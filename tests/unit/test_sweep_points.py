@@ -93,7 +93,7 @@ def test_an_error_of_the_case_itself_names_its_file(tmp_path):
 
 def test_too_many_ranks_are_refused_before_anything_is_written(tmp_path):
     folder, _ = planned(tmp_path, SWEEP)
-    with pytest.raises(CaseError, match="3 ranks, but there are 2 cores"):
+    with pytest.raises(CaseError, match="3 ranks, but this machine has 2 cores"):
         run_here(folder, [Point("slip", 3, True)], 2, Silent())
     assert not folder.root.exists()
 
