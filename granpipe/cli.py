@@ -576,7 +576,8 @@ def study(
     """Measure error against run time for variants of CASE.
 
     Runs cheaper and more expensive variants, compares their fields and recommends settings. Finished points are not
-    repeated. On a cluster, run the command again when the jobs have ended: it then writes the report.
+    repeated; points that are too short for a field go on, by half of their time at the most. On a cluster, run the
+    command again when the jobs have ended: it then writes the report.
     """
     from granpipe.pipeline.run import plan_case
     from granpipe.study.axes import read_axes, read_point

@@ -11,6 +11,7 @@ from granpipe.planning.plan import Plan
 from granpipe.progress import Progress
 from granpipe.study.findings import Comparison, load_points
 from granpipe.study.fluid import fluid_findings, fluid_refinement
+from granpipe.study.longer import lengthened
 from granpipe.study.points import Study
 from granpipe.study.reference import EarlierRun, check_cells
 from granpipe.study.report import write_study
@@ -47,6 +48,8 @@ def run_study(
 ) -> StudyRun:
     """Run the points that are missing, then compare and report; on a cluster, submit them.
 
+    Points that are too short for a field go on, by half of their time at the most.
+
     Parameters
     ----------
     results : folder of all results
@@ -63,9 +66,12 @@ def run_study(
     """
     if earlier is not None:
         check_cells(earlier, float(study.case.homogenize.cell))
-    folder, points = plan_points(study.sweep(), results)
-    if not run_missing(folder, points, cores, cluster if points else None, progress):
-        return StudyRun(f"follow it with: granpipe sweep status {folder.root}; then run this command again")
+    folder, longer = Folder(results / study.name), lengthened(study.sweep(), results, progress)
+    while longer.inputs != folder.new:
+        folder, points = plan_points(longer, results)
+        if not run_missing(folder, points, cores, cluster if points else None, progress):
+            return StudyRun(f"follow it with: granpipe sweep status {folder.root}; then run this command again")
+        longer = lengthened(study.sweep(), results, progress)
     files, missing = report_study(folder, other, progress, earlier)
     problems = [f"{one.name}: {one.text or one.state}" for one in missing]
     if names := marked(folder):
