@@ -1,4 +1,4 @@
-"""When filling ends: at rest, or already at an eighth of the speed with which the plate starts.
+"""When filling ends: at rest, or after the time of a free fall, before a faster start.
 
 `run` makes three small vessels with a faster start, two seeds each, both ways; `page` tells the steps of settling, and
 the difference of the fields.
@@ -30,8 +30,8 @@ from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 
 SEEDS = (1, 2)
-WAYS = {"at rest": 0.0, "an eighth": 1 / 8}
-"""Share of the start speed at which filling ends, where that is above rest."""
+WAYS = {"at rest": False, "as it is": True}
+"""Whether filling may end after a free fall."""
 SCENE = """\
 name: {name}
 outline:
@@ -82,16 +82,15 @@ def case_of(vessel: str, seed: int, time: float, results: Path) -> CaseFile:
 
 
 @contextmanager
-def ends(share: float) -> Iterator[None]:
-    """Filling ends at that share of the start speed."""
+def ends(early: bool) -> Iterator[None]:
+    """Filling may end after a free fall, or not before the bed is at rest."""
     made = decks.make_deck
 
-    def quieter(*given: Any) -> decks.Deck:
+    def chosen(*given: Any) -> decks.Deck:
         deck = made(*given)
-        speed = share * deck.start_speed if deck.start_segments else 0.0
-        return replace(deck, rest_energy=max(deck.rest_energy, 0.5 * speed**2))
+        return deck if early else replace(deck, fall_steps=0)
 
-    with mock.patch.object(dem_stages, "make_deck", quieter):
+    with mock.patch.object(dem_stages, "make_deck", chosen):
         yield
 
 
@@ -100,8 +99,8 @@ def page(results: Path, time: float) -> Iterator[str]:
     for vessel in VESSELS:
         steps: dict[str, list[int]] = {}
         fields: dict[str, Field] = {}
-        for way, share in WAYS.items():
-            with ends(share):
+        for way, early in WAYS.items():
+            with ends(early):
                 runs = [_run(case_of(vessel, seed, time, results), results / way) for seed in SEEDS]
             steps[way] = [settled for _, _, settled in runs]
             segments = [replace(sums, run=number) for number, (_, steady, _) in enumerate(runs) for sums in steady]

@@ -109,6 +109,8 @@ class Deck(MaterialDeck):
     fill_chunks: int
     full_gain: float
     rest_energy: float
+    fall_steps: int
+    enough: int
     plate_speed: float
     start_speed: float
     start_segments: int
@@ -207,6 +209,8 @@ def make_deck(
         fill_chunks=500,
         full_gain=2e-3,
         rest_energy=0.5 * settings.rest_speed**2,
+        fall_steps=settings.fall_steps,
+        enough=settings.placed,
         plate_speed=settings.plate_speed,
         start_speed=settings.start_speed,
         start_segments=settings.start_segments,

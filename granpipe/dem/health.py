@@ -145,7 +145,7 @@ class FillingHealth:
     def __init__(self, settings: Settings, case: Case, placed: int) -> None:
         self.placed = placed
         self.mass = settings.classes.mean_mass(case.material.density)
-        self.limit = contact.GRAVITY * (settings.wall_top - settings.lowest)
+        self.limit = _fall_energy(settings)
 
     def row(self, status: Status) -> None:
         """Check a row of the thermo table.
@@ -155,7 +155,7 @@ class FillingHealth:
         RunError : particles were lost, or move faster than they can
         """
         check_balance(self.placed, status)
-        _check_energy(status, self.mass, self.limit, "a fall through the whole vessel")
+        _check_energy(status, self.mass, self.limit, _FALL)
 
 
 class FlowHealth:
@@ -175,9 +175,9 @@ class FlowHealth:
         self.energy = _mean_energy(vessel, density, bed)
         self.start_energy = _mean_energy(vessel.at_pace(settings.pace), density, bed)
         # what the bed has from a faster start may last as long as a fall through all of it
-        height = settings.wall_top - settings.lowest
-        started = settings.start_steps > 0
-        self.calm_from = settings.start_steps + started * math.ceil(_fall_time(height) / settings.time_step)
+        fall = math.ceil(_fall_time(settings.wall_top - settings.lowest) / settings.time_step)
+        self.calm_from = settings.start_steps + (fall if settings.start_steps > 0 else 0)
+        self.falls_until = fall if settings.fall_steps > 0 else 0  # the bed was not at rest
         self.burst = _burst_energy(settings, vessel, density, bed)
         self.fed = _Fed(settings)
         self.drift = _Mean(round(settings.classes.sauter_diameter / (vessel.speed * settings.time_step)))
@@ -192,6 +192,9 @@ class FlowHealth:
         """
         check_balance(self.present, status, self.fallen)
         fed = self.fed.energy(status)
+        if status.step < self.falls_until:
+            _check_energy(status, self.mass, _fall_energy(self.settings), _FALL)
+            return
         energy = self.energy if status.step >= self.calm_from else self.start_energy
         specific = _check_energy(status, self.mass, PEAK_ENERGY * energy + self.burst + fed, "flow and falls")
         if status.step < self.calm_from:
@@ -291,6 +294,7 @@ class FlowHealth:
 
 
 _CALMER = "make dem.time_step smaller, or leave it at auto"
+_FALL = "a fall through the whole vessel"
 
 
 def _check_energy(status: Status, particle_mass: float, limit: float, source: str) -> float:
@@ -302,6 +306,11 @@ def _check_energy(status: Status, particle_mass: float, limit: float, source: st
             f"J/kg at the most: the contacts are unstable; {_CALMER}"
         )
     return specific
+
+
+def _fall_energy(settings: Settings) -> float:
+    """Most kinetic energy by mass [J/kg] of a bed that falls into place."""
+    return contact.GRAVITY * (settings.wall_top - settings.lowest)
 
 
 def _mean_energy(vessel: FlowLimits, density: float, mass: float) -> float:

@@ -49,11 +49,12 @@ MOST_START_SHARE = 0.6
 
 REST, NEAR_REST = 0.01, 0.05
 """RMS speed of particles in a bed at rest, at most, over √(g d); and before a faster start that moves the widest level,
-and so all, at that speed or more."""
+and so all, at that speed or more. Such a start may begin earlier, once a packed bed has had the time of a free fall
+through the vessel."""
 
 FILLED = 0.9
 """Particles of the packed bed that a filling begins with, over those of a full vessel at `PACKING`, at most: what is
-missing when it has settled is topped up."""
+missing when it has settled is topped up. With so many a faster start may begin."""
 
 LOOSE_ROOM = 0.25
 """Room for a packed bed above the feed, over that of the settled one, at the most: so much it may sink."""
@@ -243,6 +244,7 @@ class Settings:
     bed_top : level up to which a packed bed may reach, which settles [m]
     placed : particles of that bed, at most
     rest_speed : RMS speed of particles in a settled bed, at most [m/s]
+    fall_steps : steps after which a bed of `placed` particles need not be at rest; 0 where it must
     wall_top : upper end of the reservoir's wall [m]
     plate_z : level of the plate at the start, below an outlet at the vessel's lowest point [m]
     bottom : lower end of the box [m], which has room for a longer run
@@ -272,6 +274,7 @@ class Settings:
     bed_top: float
     placed: int
     rest_speed: float
+    fall_steps: int
     wall_top: float
     plate_z: float
     bottom: float
@@ -379,12 +382,15 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
     per_segment = dumps_per_segment(length.room, step * dump_every, vessel.most_segments)
     segment_time = step * dump_every * per_segment
     start_segments, left_out, start_speed = 0, 0, speed
-    grain_speed, rest = math.sqrt(gravity * classes.sauter_diameter), REST
+    grain_speed, rest, fall_steps = math.sqrt(gravity * classes.sauter_diameter), REST, 0
     if start is not None:
         after = AFTER_START * classes.sauter_diameter
         start_segments, start_speed = start.over(length.start_travel - after, segment_time)
         slowest = start.most * vessel.outlet_area / vessel.widest
-        rest = NEAR_REST if slowest >= NEAR_REST * grain_speed else REST
+        if slowest >= NEAR_REST * grain_speed:
+            rest = NEAR_REST
+            if packable(classes):
+                fall_steps = math.ceil(math.sqrt(2 * (level + feed / 2 - plate_z) / gravity) / step)
         left_out = start_segments + math.ceil(after / (speed * segment_time) - 1e-9)
     deepest = max(p * plate_speed * length.room - up for p, up in zip(vessel.plates, vessel.rises, strict=True))
     particles = round(full + PACKING * 0.5 * vessel.outlet_area * travel / classes.mean_volume)
@@ -408,6 +414,7 @@ def choose(case: Case, vessel: Vessel, cores: int) -> Settings:
         bed_top=bed_top,
         placed=round(FILLED * full),
         rest_speed=rest * grain_speed,
+        fall_steps=fall_steps,
         wall_top=bed_top + 2 * classes.largest,
         plate_z=plate_z,
         bottom=plate_z - deepest - _below_plate(classes, open_outlet),

@@ -57,8 +57,8 @@ CELLS_PER_OPENING = 40
 """Cells across the narrowest opening where there are no particles to measure by."""
 
 FILL_TIME = 2.5
-"""Filling and settling take about this many times the free fall through the vessel (measured: 2 to 4; see
-docs/validation/filling.md)."""
+"""Filling takes about this many times the free fall through the vessel where the bed is to come to rest (measured: 2 to
+4; see docs/validation/filling.md)."""
 
 CHORD_LIMIT = 0.15
 """Chord error of the wall in particle diameters beyond which a run is marked."""
@@ -864,8 +864,10 @@ def _left_out_of_decks(case: Case) -> list[Stage]:
 
 
 def _fill_steps(settings: Settings) -> float:
+    if settings.fall_steps:
+        return settings.fall_steps
     height = settings.feed_top - settings.plate_z
-    return FILL_TIME * math.sqrt(2 * height / 9.81) / settings.time_step
+    return FILL_TIME * math.sqrt(2 * height / settings.gravity) / settings.time_step
 
 
 def _disk(case: Case, settings: Settings) -> float:

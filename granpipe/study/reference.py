@@ -117,6 +117,7 @@ def _bed(plan: Plan) -> list[float]:
         dem.plate_z,
         dem.placed,
         dem.rest_speed,
+        dem.fall_steps,
         float(plan.facets or 0),
         plan.outline.measure.turn,
         plan.simulated.r_max,

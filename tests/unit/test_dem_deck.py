@@ -163,6 +163,14 @@ def test_runs_with_a_faster_start_share_a_bed_that_is_nearly_at_rest_and_the_oth
         assert deck.rest_energy == pytest.approx(0.5 * (0.05 * speed) ** 2)
 
 
+def test_before_a_faster_start_a_packed_bed_is_given_the_time_of_a_free_fall(tiny: Path) -> None:
+    start = {key.replace(".", "__"): value for key, value in FASTER.items()}
+    assert "${passed}" not in render(deck_with(tiny), "fill.in")  # at one speed the bed comes to rest
+    deck = deck_with(tiny, **start)
+    assert f"(${{passed}} >= {deck.fall_steps}) && (${{present}} >= {deck.enough})" in render(deck, "fill.in")
+    assert "${passed}" not in render(deck, "fill.in", bed="")  # nor where all is dropped in
+
+
 def test_a_vessel_without_a_packed_bed_begins_empty(tiny: Path) -> None:
     deck = deck_with(tiny)
     assert "create_box" in render(deck, "fill.in", bed="")

@@ -274,6 +274,22 @@ def test_a_bed_in_a_faster_start_may_have_that_speeds_energy_and_must_calm_down_
         watch.row(status(0, energy=100.0))
 
 
+def test_a_bed_that_was_left_to_the_faster_start_may_go_on_falling_for_the_time_of_a_free_fall(tiny: Path) -> None:
+    watch = health(tiny, **FASTER)
+    settings = watch.settings
+    fall = math.sqrt(2 * (settings.wall_top - settings.lowest) / 9.81) / settings.time_step
+    falling = 0.5 * (9.81 * 0.1)  # on average half of what a fall by 10 cm gives
+    for step in range(0, int(fall), 100):
+        watch.row(status(step, energy=falling))
+    with pytest.raises(RunError, match="flow and falls"):
+        watch.row(status(int(fall) + 1, energy=falling))
+    with pytest.raises(RunError, match="a fall through the whole vessel"):
+        watch.row(status(100, energy=1.01 * 9.81 * (settings.wall_top - settings.lowest)))
+    settled = health(tiny)  # at one speed the bed was at rest
+    with pytest.raises(RunError, match="flow and falls"):
+        settled.row(status(0, energy=falling))
+
+
 def test_the_plate_is_where_both_its_speeds_have_brought_it(tiny: Path) -> None:
     watch = health(tiny, **FASTER)
     settings = watch.settings

@@ -46,10 +46,12 @@ def test_the_reactor_needs_dem_and_the_plan_says_where() -> None:
     assert "ring" in produce.reason
 
 
+SIEVED = "{{diameter: {{sieve: {{edges: [{}, 8 mm, 9 mm], fractions: [30 %, 40 %, 30 %]}}}}, by: mass}}"
+
+
 def test_the_plan_says_how_the_vessel_is_filled(tiny: Path) -> None:
-    sizes = "{{diameter: {{sieve: {{edges: [{}, 8 mm, 9 mm], fractions: [30 %, 40 %, 30 %]}}}}, by: mass}}"
     for how, finest in {"packed bed": "4 mm, 5 mm", "drop in": "1 mm, 1.2 mm"}.items():
-        plan = plan_of(tiny, material__size=sizes.format(finest))
+        plan = plan_of(tiny, material__size=SIEVED.format(finest))
         assert how in next(stage.reason for stage in plan.stages if stage.name == "settle")
 
 
@@ -261,6 +263,17 @@ def test_a_packed_bed_has_most_particles_of_a_full_vessel_and_room_to_settle(tin
     assert dem.placed == pytest.approx(0.9 * full, rel=1e-3)
     assert dem.bed_top - dem.feed_top == pytest.approx(0.25 * 0.35)
     assert dem.wall_top > dem.bed_top
+
+
+def test_a_faster_start_begins_after_a_free_fall_and_where_it_cannot_move_the_bed_only_at_rest(tiny: Path) -> None:
+    dem = plan_of(tiny, **FASTER).dem
+    height = 0.5 * 9.81 * (dem.fall_steps * dem.time_step) ** 2
+    assert height == pytest.approx(dem.feed_top - dem.plate_z, rel=0.02)
+    for changes in (
+        {"dem__start_speed": "0.03"},  # none
+        {"material__size": SIEVED.format("1 mm, 1.2 mm")},  # all is dropped in
+    ):
+        assert plan_of(tiny, **FASTER | changes).dem.fall_steps == 0
 
 
 def test_a_very_slow_plate_starts_in_one_segment_that_is_not_too_long(tiny: Path) -> None:
