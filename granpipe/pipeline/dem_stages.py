@@ -182,7 +182,7 @@ class _Replica:
             self.production = self.production_run.production(self.walls)  # as long as no other process adds to it
 
     def settle(self) -> Generator[None, None, None]:
-        """Fill the vessel and come to rest, unless that is done."""
+        """Fill the vessel and let the bed settle, unless that is done."""
         self.progress.stage(self.name("settle"), _found(self.store, "settle", self.settle_key))
         yield from self.store.make_in_steps("settle", self.settle_key, self._fill)
 

@@ -843,6 +843,8 @@ def assumed_rate(ranks: int) -> float:
 
 
 def _settle_stage(settings: Settings) -> Stage:
+    if settings.fall_steps:
+        return Stage("settle", "a packed bed falls into place; it is topped up then and in the faster start")
     if packable(settings.classes):
         return Stage("settle", "a packed bed, topped up until the vessel is full, comes to rest")
     return Stage("settle", f"particles drop in until the vessel is full and at rest: sizes over {WIDEST:g} : 1")
