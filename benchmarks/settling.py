@@ -39,7 +39,7 @@ outline:
   wall: {wall}
   sections: {{above: [{top}, {middle}], below: [{middle}, {bottom}]}}
 material: {{density: 1000 kg/m^3, size: {{diameter: 2 cm}}}}
-contact: {{friction: 0.5, rolling_friction: 0.1}}
+contact: {{friction: 0.5, rolling_friction: 0.1, youngs_modulus: 2 MPa}}
 flow_rate: 100 kg/h
 model: dem
 dem: {{max_time: {time} s, seed: {seed}, ranks: 1, start_speed: {start} m/s, plate_speed: {plate} m/s}}
