@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from granpipe.errors import DataError
+from granpipe.errors import CaseError, DataError
 from granpipe.pipeline.failure_report import failure_folder
 from granpipe.progress import Progress
 from granpipe.sweep.file import Sweep
@@ -72,8 +72,11 @@ def _without_time(changes: Mapping[str, str]) -> dict[str, str]:
 
 
 def _time(folder: Folder, name: str) -> float | None:
-    """`dem.max_time` of a point [s]; None where it is chosen by granpipe."""
-    time = point_case(folder, name).case.dem.max_time
+    """`dem.max_time` of a point [s]; None where it is chosen by granpipe, or no time at all."""
+    try:
+        time = point_case(folder, name).case.dem.max_time
+    except CaseError:
+        return None
     return None if time == "auto" else float(time)
 
 

@@ -66,12 +66,15 @@ def run_study(
     """
     if earlier is not None:
         check_cells(earlier, float(study.case.homogenize.cell))
-    folder, longer = Folder(results / study.name), lengthened(study.sweep(), results, progress)
-    while longer.inputs != folder.new:
-        folder, points = plan_points(longer, results)
+    folder, points = plan_points(lengthened(study.sweep(), results, progress), results)
+    while True:
         if not run_missing(folder, points, cores, cluster if points else None, progress):
             return StudyRun(f"follow it with: granpipe sweep status {folder.root}; then run this command again")
-        longer = lengthened(study.sweep(), results, progress)
+        before = folder.variants
+        folder, left = plan_points(lengthened(study.sweep(), results, progress), results)
+        points = [one for one in left if folder.variants[one.name] != before[one.name]]
+        if not points:
+            break
     files, missing = report_study(folder, other, progress, earlier)
     problems = [f"{one.name}: {one.text or one.state}" for one in missing]
     if names := marked(folder):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from granpipe.study.longer import lengthened
 from granpipe.study.points import Study, make_study
 from granpipe.sweep.file import Sweep
 from granpipe.sweep.folder import Folder
-from granpipe.sweep.points import point_case
+from granpipe.sweep.points import Point, point_case
 from granpipe.sweep.state import INTERRUPTED, State
 
 SMOKE = Path(__file__).parents[2] / "cases" / "smoke.yaml"
@@ -94,14 +95,25 @@ def test_what_went_on_stays_longer_and_another_case_begins_anew(study: Study, tm
     assert times(lengthened(other.sweep(), tmp_path, Silent())) == [6, 4]
 
 
+def test_a_folder_whose_time_is_damaged_is_no_reason_to_go_on(study: Study, tmp_path: Path) -> None:
+    fails(study.sweep(), tmp_path)
+    path = tmp_path / study.name / "points.json"
+    points = json.loads(path.read_text())
+    points["points"][0]["changes"]["dem.max_time"] = "soon"
+    path.write_text(json.dumps(points))
+    assert lengthened(study.sweep(), tmp_path, Silent()).inputs == study.sweep().inputs
+
+
 @dataclass
 class Burst:
-    """In the place of what runs the points: the case has no field before a time [s]."""
+    """In the place of what runs the points: the case has no field before a time [s], the other point never."""
 
     over: float
     runs: list[float] = field(default_factory=list)
+    others: int = 0
 
-    def __call__(self, folder: Folder, points: object, cores: object, cluster: object, progress: object) -> bool:
+    def __call__(self, folder: Folder, points: Sequence[Point], *_: object) -> bool:
+        self.others += len(points) - 1
         sweep = Sweep(folder.name, folder.inputs, "smoke", None)  # type: ignore[arg-type]
         self.runs.append(times(sweep)[0])
         if self.runs[-1] < self.over:
@@ -120,3 +132,4 @@ def test_a_study_goes_on_until_its_case_has_a_field_or_its_time_is_over(
     monkeypatch.setattr(run, "report_study", lambda *_: ([Path("report.html")], []))
     assert run.run_study(study, tmp_path, None, 2, None, Silent()).complete
     assert burst.runs == runs
+    assert burst.others == 1  # what fails for another reason is not tried again and again
