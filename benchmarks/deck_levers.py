@@ -32,8 +32,8 @@ from granpipe.dem.contacts import read_wall_contacts
 from granpipe.dem.deck import DUMP_COLUMNS, Deck, render
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.run import Liggghts
-from granpipe.dem.settings import MANY_PARTICLES, SKIN, WIDE_SKIN
 from granpipe.dem.snapshot import Snapshot
+from granpipe.dem.step import MANY_PARTICLES, SKIN, WIDE_SKIN
 from granpipe.field import Array, Mask
 from granpipe.geometry.extrude import write_stl
 from granpipe.pipeline.context import Context

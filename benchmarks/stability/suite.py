@@ -23,8 +23,9 @@ from granpipe.case.schema import Case
 from granpipe.dem.contact import GRAVITY, effective_modulus
 from granpipe.dem.deck import render
 from granpipe.dem.dump import first_step, read_snapshot
+from granpipe.dem.filling import PACKING
 from granpipe.dem.run import Liggghts
-from granpipe.dem.settings import PACKING, Settings
+from granpipe.dem.settings import Settings
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import CaseError, RunError
 from granpipe.field import Field, Grid

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from granpipe.case.schema import Case
 from granpipe.dem import contact
+from granpipe.dem.filling import PACKING
 from granpipe.dem.overlap import Overlap, measure_overlap
 from granpipe.dem.run import Status
-from granpipe.dem.settings import PACKING, Settings
+from granpipe.dem.settings import Settings
 from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import RunError
 from granpipe.field import Array, Mask, Measure

@@ -12,8 +12,9 @@ from typing import Literal
 import numpy as np
 
 from granpipe.dem.contact import two_digits_up
+from granpipe.dem.filling import PACKING
 from granpipe.dem.health import ArchError
-from granpipe.dem.settings import PACKING, Settings
+from granpipe.dem.settings import Settings
 from granpipe.errors import DataError
 from granpipe.field import Array, level_flow
 from granpipe.geometry.openings import find_openings

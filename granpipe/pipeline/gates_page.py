@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from granpipe.case.material import LEAST_PACKING
 from granpipe.case.material import MOST_PACKING as MOST_CASE_PACKING
-from granpipe.dem import contact, health, settings
+from granpipe.dem import contact, health
 from granpipe.fluid.direct import LARGEST_RESIDUAL
 from granpipe.homogenize.psi_field import MOST_STORAGE
 from granpipe.pipeline import field_vessel, known_field
@@ -74,7 +74,7 @@ def gates_page(heaps: Iterable[Limit]) -> str:
         "\n## Noted\n",
         _limits(NOTES),
         "\nBefore the run, by `granpipe plan`: a flow rate above "
-        f"{settings.BEVERLOO_SHARE:.0%} of the free discharge through an opening, where inertia begins to show; an "
+        f"{plate.BEVERLOO_SHARE:.0%} of the free discharge through an opening, where inertia begins to show; an "
         "opening narrower than 10 d90, where wall layers and arching show; particles of sizes more than 3 to 1.",
         "",
         _PASSES,
@@ -107,12 +107,12 @@ def _planned() -> list[tuple[str, str, str]]:
         (
             "`flow_rate`, also of `granpipe scale`",
             "free discharge (Beverloo) through every opening; below a cone up to "
-            f"{settings.MOST_BEVERLOO:g} times that (Rose & Tanaka)",
+            f"{plate.MOST_BEVERLOO:g} times that (Rose & Tanaka)",
             "no more falls through",
         ),
         (
             "width of every opening and gap, in d90",
-            f"{settings.LEAST_GAP:g}, or {settings.LEAST_COARSE_GAP:g} of coarse-grained particles, which is marked",
+            f"{gaps.LEAST_GAP:g}, or {gaps.LEAST_COARSE_GAP:g} of coarse-grained particles, which is marked",
             "it arches; one narrower than the smallest particle may be meant to touch, and the message says where",
         ),
         (
@@ -132,7 +132,7 @@ def _planned() -> list[tuple[str, str, str]]:
         ),
         (
             "speed of the plate",
-            f"{settings.MOST_BEVERLOO:g} times free discharge through the narrowest opening (Beverloo)",
+            f"{plate.MOST_BEVERLOO:g} times free discharge through the narrowest opening (Beverloo)",
             "the plate would leave the solids behind",
         ),
     ]

@@ -8,8 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from granpipe.dem import contact
+from granpipe.dem.filling import PACKING
 from granpipe.dem.health import FlowLimits
-from granpipe.dem.settings import PACKING, Settings, simulated_flow
+from granpipe.dem.settings import Settings
+from granpipe.dem.vessel import simulated_flow
 from granpipe.field import Array, Mask
 from granpipe.geometry.openings import Opening, find_openings
 from granpipe.geometry.outline import Outline

@@ -14,7 +14,7 @@ from typing import Any
 from granpipe import __version__
 from granpipe.case.reader import CaseFile
 from granpipe.case.schema import Case
-from granpipe.dem.settings import Decision
+from granpipe.dem.decision import Decision
 from granpipe.errors import DataError, RunError
 from granpipe.export.run_report import write_run_report
 from granpipe.pipeline.exports import write_exports, write_space_exports

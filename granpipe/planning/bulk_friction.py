@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from granpipe.case.schema import Case
-from granpipe.dem.settings import Decision
+from granpipe.dem.decision import Decision
 from granpipe.fluid.bulk_friction import bulk_friction_law
 
 REPOSE_SLOPE, REPOSE_START = 1.92, 0.146

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from granpipe.case.schema import Case
-from granpipe.dem.settings import LEAST_GAP
+from granpipe.dem.gaps import LEAST_GAP
 from granpipe.dem.sizes import simulated_classes, size_classes
 from granpipe.geometry.openings import find_openings
 from granpipe.geometry.outline import Outline

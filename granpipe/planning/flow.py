@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from granpipe.case.schema import Case
-from granpipe.dem.settings import BEVERLOO_SHARE, MOST_BEVERLOO, PACKING, Opening, free_flow
+from granpipe.dem.filling import PACKING
+from granpipe.dem.plate import BEVERLOO_SHARE, MOST_BEVERLOO
 from granpipe.dem.sizes import size_classes
+from granpipe.dem.vessel import Opening, free_flow
 from granpipe.errors import CaseError
 from granpipe.geometry.edges import Side
 from granpipe.geometry.openings import Opening as VesselOpening

@@ -11,9 +11,12 @@ import numpy as np
 
 from granpipe.case.reader import varied
 from granpipe.case.schema import Case
+from granpipe.dem.decision import Decision
+from granpipe.dem.gaps import check_gap
 from granpipe.dem.packing import WIDEST, packable
-from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Decision, Settings, Vessel, check_gap, choose
+from granpipe.dem.settings import BYTES_PER_PARTICLE, RATE, Settings, choose
 from granpipe.dem.sizes import simulated_classes, size_classes
+from granpipe.dem.vessel import Vessel
 from granpipe.errors import CaseError, MeshError
 from granpipe.field import Array, Box, Grid, section_rows
 from granpipe.fluid.friction_error import ExpectedError, Rheology, expected_error

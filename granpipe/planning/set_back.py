@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from granpipe.case.schema import Case
-from granpipe.dem.settings import Decision
+from granpipe.dem.decision import Decision
 from granpipe.dem.sizes import size_classes
 from granpipe.errors import CaseError
 from granpipe.geometry.outline import Outline

@@ -8,9 +8,10 @@ from functools import lru_cache
 from granpipe.case.fluid import Fluid
 from granpipe.case.schema import Case
 from granpipe.case.vessel import VesselSpec, vessel_triangles
+from granpipe.dem.decision import Decision
 from granpipe.dem.duration import MOST_SEGMENTS, ROOM
-from granpipe.dem.settings import Decision, Vessel, free_flow
 from granpipe.dem.sizes import simulated_classes, size_classes
+from granpipe.dem.vessel import Vessel, free_flow
 from granpipe.errors import CaseError
 from granpipe.field import MOST_CELLS, Box
 from granpipe.geometry.space_vessel import SpaceVessel

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from granpipe.case.schema import Case
-from granpipe.dem.settings import Decision
+from granpipe.dem.decision import Decision
 from granpipe.errors import CaseError, GranpipeError
 from granpipe.fluid.friction_error import expected_error
 from granpipe.planning.forecast import forecast

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import yaml
 
-from granpipe.dem.settings import LEAST_GAP, PACKING
+from granpipe.dem.filling import PACKING
+from granpipe.dem.gaps import LEAST_GAP
 from granpipe.dem.sizes import size_classes
 from granpipe.field import Array
 from granpipe.geometry.openings import find_openings

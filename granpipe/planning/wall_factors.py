@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from granpipe.case.outline import Section
 from granpipe.case.schema import Case
-from granpipe.dem.settings import Decision
+from granpipe.dem.decision import Decision
 from granpipe.errors import CaseError
 from granpipe.fluid.wall_factor import wall_factor_law
 from granpipe.geometry.outline import Outline

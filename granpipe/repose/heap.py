@@ -21,10 +21,11 @@ from granpipe.case.schema import Case
 from granpipe.dem import contact
 from granpipe.dem.deck import DUMP_COLUMNS, MaterialDeck, render
 from granpipe.dem.dump import read_snapshot
+from granpipe.dem.filling import PACKING
 from granpipe.dem.run import Liggghts, Limits, Status
-from granpipe.dem.settings import PACKING, SKIN, step_limits
 from granpipe.dem.sizes import SizeClasses, size_classes
 from granpipe.dem.snapshot import Snapshot
+from granpipe.dem.step import SKIN, step_limits
 from granpipe.errors import CaseError, DataError
 from granpipe.field import Array
 

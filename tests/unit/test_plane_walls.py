@@ -20,9 +20,9 @@ from granpipe.analysis.streamlines import age
 from granpipe.case.schema import Case
 from granpipe.dem.contacts import Contacts
 from granpipe.dem.deck import Deck, make_deck, render
-from granpipe.dem.settings import free_flow
 from granpipe.dem.snapshot import Snapshot
 from granpipe.dem.stress import bed_stress
+from granpipe.dem.vessel import free_flow
 from granpipe.errors import CaseError, DataError, MeshError
 from granpipe.export.comsol import write_comsol
 from granpipe.export.exported import Exported
