@@ -44,7 +44,8 @@ from granpipe.pipeline.dem_stages import (
 )
 from granpipe.pipeline.production import copy_walls
 from granpipe.pipeline.records import WallRecord
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.rates import machine
 from granpipe.system.store import Store

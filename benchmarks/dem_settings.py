@@ -20,7 +20,7 @@ from granpipe.case.reader import CaseFile, read_case, varied
 from granpipe.case.schema import Case
 from granpipe.field import Field
 from granpipe.pipeline.run import run_case
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.progress import Silent
 
 ROOT = Path(__file__).parents[1]

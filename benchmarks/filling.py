@@ -29,7 +29,8 @@ from granpipe.pipeline.dem_stages import finished_productions, settle
 from granpipe.pipeline.production import Production
 from granpipe.pipeline.provenance import Provenance
 from granpipe.pipeline.records import SettleRecord
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 

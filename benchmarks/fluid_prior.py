@@ -41,7 +41,8 @@ from granpipe.pipeline.averages import averaged_field, reference_plug, steady_se
 from granpipe.pipeline.frictional_field import solve_plan
 from granpipe.pipeline.production import load_sums
 from granpipe.planning.bulk_friction import bulk_friction
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 
 HERE = Path(__file__).resolve().parent
 TRIED = tuple(product((0.49, 0.56), (0.32, 0.42), (33.5, 46.0)))

@@ -26,7 +26,7 @@ from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import StatisticalErrorCriterion
 from granpipe.pipeline.records import SettleRecord
 from granpipe.pipeline.stiffness import with_checked_stiffness
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions

@@ -35,7 +35,8 @@ from granpipe.pipeline.fluid_field import section_mesh, wall_law
 from granpipe.pipeline.frictional_field import assess, from_solids, solve_plan
 from granpipe.planning.bulk_friction import BulkFriction, bulk_friction
 from granpipe.planning.flow import target_flow
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.planning.scene import scene_of
 from granpipe.study.report import read_study
 

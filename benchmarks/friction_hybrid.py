@@ -19,7 +19,7 @@ from granpipe.case.reader import read_case
 from granpipe.errors import GranpipeError
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.hybrid_field import hybrid_field
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.progress import Silent
 from granpipe.system.store import Store
 

@@ -35,7 +35,8 @@ from granpipe.pipeline.averages import (
 )
 from granpipe.pipeline.dem_stages import finished_productions
 from granpipe.pipeline.production import Production
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.study.fields import Average, FinishedRun, field_of
 from granpipe.study.reference import EarlierRun, read_run
 from granpipe.system.store import Store

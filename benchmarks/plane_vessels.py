@@ -34,7 +34,7 @@ from granpipe.pipeline.frictional_field import solve_plan
 from granpipe.pipeline.run import run_case
 from granpipe.planning.bulk_friction import bulk_friction
 from granpipe.planning.flow import target_flow
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.progress import Silent
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions

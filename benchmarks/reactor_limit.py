@@ -39,7 +39,8 @@ from granpipe.pipeline.frictional_field import solve_plan
 from granpipe.pipeline.hybrid_field import hybrid_field
 from granpipe.planning.bulk_friction import bulk_friction
 from granpipe.planning.flow import target_flow
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.progress import Silent, duration_text
 from granpipe.study.reference import FILES, EarlierRun, read_run, scene_differences
 from granpipe.system.jsonfile import read_json, write_json

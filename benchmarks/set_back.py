@@ -30,7 +30,7 @@ from granpipe.pipeline.dem_field import dem_field
 from granpipe.pipeline.dem_stages import simulate
 from granpipe.pipeline.gates import IN_SOLID
 from granpipe.planning import set_back
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.planning.set_back import SHARE
 from granpipe.system.jsonfile import read_json, write_json
 from granpipe.system.store import Store

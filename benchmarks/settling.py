@@ -25,7 +25,8 @@ from granpipe.pipeline.averages import averaged_field, steady_segments
 from granpipe.pipeline.dem_stages import finished_productions
 from granpipe.pipeline.records import SettleRecord
 from granpipe.pipeline.run import run_case
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions
 

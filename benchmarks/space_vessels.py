@@ -35,7 +35,7 @@ from granpipe.homogenize.space_outlets import left_above
 from granpipe.pipeline.averages import averaged_field, outlet_cells
 from granpipe.pipeline.dem_stages import finished_productions
 from granpipe.pipeline.run import run_case
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.progress import Silent
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions

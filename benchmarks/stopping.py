@@ -22,7 +22,8 @@ from granpipe.pipeline.averages import averaged_field, steady_segments
 from granpipe.pipeline.convergence import StatisticalErrorCriterion
 from granpipe.pipeline.dem_stages import finished_productions
 from granpipe.pipeline.gates import BLOCKS
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.study.budget import sure_factor
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions

@@ -27,7 +27,7 @@ from granpipe.fluid.wall_speed import WallLaw
 from granpipe.pipeline.fluid_field import section_mesh
 from granpipe.pipeline.run import run_case
 from granpipe.planning.flow import target_flow
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.system.jsonfile import write_json
 
 HERE = Path(__file__).resolve().parent

@@ -236,7 +236,7 @@ def plan(case: Path, overrides: Mapping[str, str], picture: Path | None) -> None
     """
     from granpipe.pipeline.plan_picture import draw_plan
     from granpipe.pipeline.run import plan_case
-    from granpipe.planning.plan import model_plans, other_rheology
+    from granpipe.planning.make import model_plans, other_rheology
     from granpipe.planning.text import plan_text
     from granpipe.planning.vessel_text import planned_vessel_text
     from granpipe.system.cores import usable_cores

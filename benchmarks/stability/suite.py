@@ -32,7 +32,8 @@ from granpipe.field import Field, Grid
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_stages import compose_deck, make_walls
 from granpipe.pipeline.records import SettleRecord
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.progress import Progress, Silent
 from granpipe.system.pool import Task, run_together
 from granpipe.system.publish import publishing

@@ -10,7 +10,7 @@ import numpy as np
 
 from granpipe.case.reader import read_case
 from granpipe.field import Array, Field
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.system.jsonfile import read_json
 from validation.case import Case, Data, Verdict
 from validation.simulate import rounded, run_scene

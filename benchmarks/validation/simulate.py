@@ -13,7 +13,8 @@ from granpipe.pipeline.dem_stages import finished_productions
 from granpipe.pipeline.production import Production
 from granpipe.pipeline.run import run_case
 from granpipe.pipeline.stiffness import with_checked_stiffness
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.progress import Silent
 from granpipe.system.jsonfile import read_json
 from granpipe.system.store import Store

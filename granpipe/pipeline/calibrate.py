@@ -12,7 +12,7 @@ from granpipe.pipeline.context import Context
 from granpipe.pipeline.convergence import Convergence
 from granpipe.pipeline.dem_stages import simulate
 from granpipe.pipeline.records import SettleRecord
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.progress import Progress
 from granpipe.system.cores import free_cores, usable_cores
 from granpipe.system.rates import Rates, keep_rates, require_place

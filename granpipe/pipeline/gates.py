@@ -15,8 +15,9 @@ import numpy as np
 
 from granpipe.dem.contact import MEAN_OVERLAP, P99_OVERLAP
 from granpipe.field import Array, Field, level_flow
-from granpipe.planning.plan import FEWEST_DIAMETERS as FEWEST_OF_FRICTION
-from granpipe.planning.plan import LEAST_CELLS, Plan
+from granpipe.planning.plan import Plan
+from granpipe.planning.planner import LEAST_CELLS
+from granpipe.planning.within_error import FEWEST_DIAMETERS as FEWEST_OF_FRICTION
 
 _ROUNDING = 1e-9
 

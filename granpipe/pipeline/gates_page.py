@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 from granpipe.case.material import LEAST_PACKING
 from granpipe.case.material import MOST_PACKING as MOST_CASE_PACKING
-from granpipe.dem import contact, health
+from granpipe.dem import contact, gaps, health, plate
 from granpipe.fluid.direct import LARGEST_RESIDUAL
 from granpipe.homogenize.psi_field import MOST_STORAGE
 from granpipe.pipeline import field_vessel, known_field

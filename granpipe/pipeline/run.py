@@ -21,7 +21,8 @@ from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.model_result import ModelResult
 from granpipe.pipeline.results import case_origin, check_folder, is_current, results_key, write_results
 from granpipe.planning.forecast import forecast
-from granpipe.planning.plan import Model, Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Model, Plan
 from granpipe.planning.space import sums_memory
 from granpipe.progress import Progress, counted, duration_text
 from granpipe.system.cores import free_cores, usable_cores

@@ -10,7 +10,8 @@ from granpipe.dem import contact
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_stages import settle
 from granpipe.pipeline.records import SettleRecord
-from granpipe.planning.plan import Plan, decisions_of, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan, decisions_of
 
 MOST_RETRIES = 2
 """How often the modulus is chosen again, at most."""

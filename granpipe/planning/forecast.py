@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from granpipe.planning.plan import Plan, assumed_rate
+from granpipe.planning.cost import assumed_rate
+from granpipe.planning.plan import Plan
 from granpipe.system.rates import Rates
 
 

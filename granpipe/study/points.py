@@ -17,7 +17,9 @@ from granpipe.case.yamlfile import Places
 from granpipe.errors import CaseError
 from granpipe.geometry.revolve import Turn
 from granpipe.planning.forecast import forecast as forecast_of
-from granpipe.planning.plan import CELLS_PER_DIAMETER, Model, Plan, make_plan, model_plans
+from granpipe.planning.make import make_plan, model_plans
+from granpipe.planning.plan import Model, Plan
+from granpipe.planning.planner import CELLS_PER_DIAMETER
 from granpipe.study.axes import BASE, Axes, Basis, StudyVariant, affordable, point_variants, study_variants
 from granpipe.study.folder import study_name
 from granpipe.study.inputs import Input, input_variants

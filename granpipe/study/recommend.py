@@ -22,7 +22,8 @@ from granpipe.errors import CaseError
 from granpipe.geometry.openings import find_openings
 from granpipe.pipeline.gates import BLOCKS
 from granpipe.pipeline.provenance import Provenance
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.study.budget import PLAIN, Option, advise, estimate, percent, sure_factor, worst_fillings
 from granpipe.study.folder import study_name
 from granpipe.study.reference import scene

@@ -23,7 +23,8 @@ from granpipe.field import Array, Field, Grid
 from granpipe.pipeline.field_vessel import check_case
 from granpipe.pipeline.provenance import Provenance
 from granpipe.planning.flow import target_flow
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.system.jsonfile import read_json
 from granpipe.system.manifest import verify
 

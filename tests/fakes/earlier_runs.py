@@ -14,7 +14,7 @@ from granpipe.case.reader import varied
 from granpipe.field import Field, flux_from_psi
 from granpipe.pipeline.results import plan_summary
 from granpipe.planning.flow import target_flow
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.study.reference import EarlierRun
 from granpipe.system.manifest import write_manifest
 

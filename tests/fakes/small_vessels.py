@@ -7,7 +7,8 @@ import math
 from granpipe.case.reader import resolve
 from granpipe.case.schema import Case
 from granpipe.case.yamlfile import parse_yaml
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 
 FLAT = "[[90, 110], [90, 0], [24, 0], [24, -6]]"
 SIZE = "{diameter: 2 mm}"

@@ -10,7 +10,8 @@ import numpy as np
 from granpipe.case.reader import load_case, varied
 from granpipe.case.schema import Case
 from granpipe.field import Field, flux_from_psi
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.study.axes import BASE
 from granpipe.study.findings import Comparison, StudyPoint
 

@@ -34,7 +34,7 @@ from granpipe.errors import CaseError, DataError, GranpipeError
 from granpipe.field import Field
 from granpipe.pipeline.provenance import Identity, Provenance, known_gates
 from granpipe.pipeline.records import SegmentRecord, SettleRecord, WallRecord
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.study.budget import advise
 from granpipe.study.findings import Notes
 from granpipe.study.report import read_study

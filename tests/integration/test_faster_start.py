@@ -14,7 +14,7 @@ from granpipe.dem.deck import DUMP_COLUMNS, render
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.settings import Settings
 from granpipe.pipeline.dem_stages import compose_deck
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 
 pytestmark = pytest.mark.liggghts
 

@@ -21,7 +21,7 @@ from granpipe.dem.deck import DUMP_COLUMNS
 from granpipe.dem.dump import read_snapshot
 from granpipe.dem.run import Liggghts, Limits
 from granpipe.errors import RunError
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 
 pytestmark = pytest.mark.liggghts
 

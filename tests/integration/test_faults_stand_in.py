@@ -26,7 +26,7 @@ from granpipe.case.reader import read_case
 from granpipe.dem import run as run_module
 from granpipe.errors import GranpipeError
 from granpipe.field import Field
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 
 
 @pytest.fixture(autouse=True)

@@ -10,7 +10,7 @@ import pytest
 
 from granpipe.case.reader import read_case
 from granpipe.pipeline.run import run_case
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.progress import Silent
 
 GALLERY = Path(__file__).parents[2] / "cases" / "gallery"

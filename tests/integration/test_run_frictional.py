@@ -15,7 +15,8 @@ from granpipe.field import Field, Grid, divergence, flux_from_psi, level_flow
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.frictional_field import frictional_field
 from granpipe.pipeline.hybrid_field import hybrid_field
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.progress import Silent
 from granpipe.system.store import Store
 

@@ -10,7 +10,7 @@ from granpipe.case.reader import load_case
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_stages import settle
 from granpipe.pipeline.records import SettleRecord
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.progress import Silent
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions

@@ -11,7 +11,7 @@ from granpipe.dem import contact
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_stages import settle
 from granpipe.pipeline.stiffness import FLOWING, overlap, with_checked_stiffness
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.progress import Silent
 from granpipe.system.store import Store
 from granpipe.system.versions import library_versions, program_versions

@@ -16,7 +16,8 @@ import pytest
 from granpipe.case.reader import read_case
 from granpipe.field import Field, level_flow
 from granpipe.pipeline.run import run_case
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.progress import Silent
 
 CASES = Path(__file__).parents[2] / "cases"

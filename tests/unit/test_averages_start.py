@@ -16,7 +16,8 @@ from granpipe.field import Box, Grid
 from granpipe.homogenize.average import Sums
 from granpipe.homogenize.psi_field import MOST_STORAGE
 from granpipe.pipeline.averages import after_transient
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 
 
 def faster(tiny: Path, start: str) -> Plan:

@@ -13,7 +13,7 @@ from granpipe.case.schema import Case
 from granpipe.errors import CaseError
 from granpipe.fluid.bulk_friction import bulk_friction_law
 from granpipe.planning.bulk_friction import bulk_friction
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 
 RUNS = json.loads(Path(room.__file__).with_name("bulk_friction.json").read_text())["runs"]
 

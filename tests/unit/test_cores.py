@@ -16,7 +16,7 @@ from granpipe.pipeline.context import Context
 from granpipe.pipeline.dem_stages import _Replica, _walls_key
 from granpipe.pipeline.results import results_key
 from granpipe.pipeline.run import plan_case
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.progress import Silent
 from granpipe.system.cores import VARIABLE, busy_cores, free_cores
 from granpipe.system.store import Store

@@ -15,7 +15,7 @@ from granpipe.dem.packing import Bed
 from granpipe.errors import CaseError
 from granpipe.geometry.insertion import insertion_frusta
 from granpipe.geometry.outline import Outline
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 
 
 def deck_of(case: Case) -> Deck:

@@ -14,7 +14,7 @@ from granpipe.dem.run import Status
 from granpipe.dem.snapshot import OWN_COLUMNS, Snapshot
 from granpipe.errors import RunError
 from granpipe.pipeline.health_limits import flow_limits
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 
 RADIUS = 0.01
 MASS = 4 / 3 * math.pi * RADIUS**3 * 2000

@@ -14,7 +14,7 @@ from granpipe.errors import CaseError
 from granpipe.export.tables import write_tables
 from granpipe.export.vtk import write_vtu
 from granpipe.pipeline.extra_fields import ExtraSums, particle_velocity, with_derived
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.planning.submodel import sub_case
 
 ROOT = Path(__file__).parents[2]

@@ -12,7 +12,8 @@ from granpipe.case.reader import load_case
 from granpipe.dem.health import ArchError
 from granpipe.homogenize.average import Sums
 from granpipe.pipeline.failure import NoFieldError, held_up, no_field, time_needed
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 
 SEGMENTS, DURATION = 30, 0.1
 PACKING = 0.58

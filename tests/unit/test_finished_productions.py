@@ -11,7 +11,7 @@ from granpipe.case.reader import read_case
 from granpipe.errors import DataError
 from granpipe.pipeline import dem_stages
 from granpipe.pipeline.dem_stages import finished_productions
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.system.store import Store
 
 VERSIONS = {"gmsh": "4", "liggghts": "3.8"}

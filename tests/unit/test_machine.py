@@ -9,8 +9,9 @@ import pytest
 
 from granpipe.case.reader import load_case
 from granpipe.pipeline.calibrate import calibration_case
+from granpipe.planning.cost import assumed_rate
 from granpipe.planning.forecast import forecast
-from granpipe.planning.plan import assumed_rate, make_plan
+from granpipe.planning.make import make_plan
 from granpipe.system.rates import Rates, keep_rates, known_rates, machine
 
 CASES = Path(__file__).parents[2] / "cases"

@@ -9,7 +9,8 @@ import pytest
 
 from granpipe.case.reader import load_case
 from granpipe.dem.sizes import SizeClasses
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.study.points import make_study
 
 CASES = Path(__file__).parents[2] / "cases"

@@ -14,7 +14,8 @@ import pytest
 from granpipe.case.reader import load_case, read_case
 from granpipe.errors import CaseError
 from granpipe.pipeline.run import run_case
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.progress import Silent, duration_text
 
 CASES = Path(__file__).parents[2] / "cases"
@@ -373,7 +374,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from granpipe.case.reader import load_case
-from granpipe.planning.plan import make_plan, model_plans
+from granpipe.planning.make import make_plan, model_plans
 cases = [load_case(Path(path)) for path in {[str(path) for path in sorted(CASES.glob("*.yaml"))]}]
 first = [(make_plan(case, 2), model_plans(case, 2)) for case in cases]
 seen = []

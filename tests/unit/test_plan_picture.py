@@ -10,7 +10,7 @@ import pytest
 from granpipe.case.reader import load_case
 from granpipe.errors import CaseError
 from granpipe.pipeline.plan_picture import draw_plan, planned
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.planning.vessel_text import contents_text
 
 

@@ -10,7 +10,8 @@ from fakes.small_vessels import FLAT, case_of, hopper, plan_of, said
 
 from granpipe.case.reader import read_case
 from granpipe.errors import CaseError
-from granpipe.planning.plan import Plan, make_plan, model_plans, other_rheology
+from granpipe.planning.make import make_plan, model_plans, other_rheology
+from granpipe.planning.plan import Plan
 from granpipe.planning.text import plan_text
 
 

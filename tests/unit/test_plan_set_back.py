@@ -9,7 +9,8 @@ import pytest
 
 from granpipe.case.reader import load_case, varied
 from granpipe.errors import CaseError
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.planning.vessel_text import contents_text
 from granpipe.study.points import make_study
 

@@ -26,7 +26,9 @@ from granpipe.homogenize.average import Collector
 from granpipe.homogenize.conserve import measure_plug
 from granpipe.pipeline.discharge import Discharge
 from granpipe.pipeline.health_limits import flow_limits
-from granpipe.planning.plan import THICKNESS, Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
+from granpipe.planning.planner import THICKNESS
 from granpipe.study.points import make_study
 
 LEFT = [[-0.05, 0.2], [-0.05, 0.08], [-0.02, 0.03], [-0.02, 0.0]]

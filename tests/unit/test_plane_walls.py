@@ -40,7 +40,8 @@ from granpipe.pipeline.dump_grid import slab_grid
 from granpipe.pipeline.dump_window import Frame
 from granpipe.pipeline.field_vessel import check_vessel
 from granpipe.pipeline.health_limits import flow_limits
-from granpipe.planning.plan import Plan, make_plan, model_plans
+from granpipe.planning.make import make_plan, model_plans
+from granpipe.planning.plan import Plan
 from granpipe.rzmesh import RZMesh
 from granpipe.study import fluid as study_fluid
 from granpipe.study.points import make_study

@@ -16,7 +16,8 @@ from granpipe.dem import contact
 from granpipe.pipeline import stiffness
 from granpipe.pipeline.context import Context
 from granpipe.pipeline.records import OverlapRecord
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.progress import Silent
 from granpipe.system.store import Store
 

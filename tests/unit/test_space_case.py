@@ -26,7 +26,8 @@ from granpipe.homogenize.space_outlets import OutletFaces
 from granpipe.pipeline.dem_stages import insertion_boxes
 from granpipe.pipeline.gates import CONSERVING
 from granpipe.pipeline.health_limits import space_limits
-from granpipe.planning.plan import Plan, make_plan, model_plans
+from granpipe.planning.make import make_plan, model_plans
+from granpipe.planning.plan import Plan
 from granpipe.system.gmsh_session import gmsh_session
 
 CASES = Path(__file__).parents[2] / "cases"

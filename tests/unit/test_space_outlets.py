@@ -26,7 +26,8 @@ from granpipe.homogenize.space_outlets import OutletCells, face_areas, left_abov
 from granpipe.pipeline.dem_stages import insertion_boxes
 from granpipe.pipeline.health_limits import space_limits
 from granpipe.pipeline.plan_picture import draw_plan, planned_in_space
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.system.gmsh_session import gmsh_session
 
 LEVELS = {"low": OutletSpec(at=(24, 24, 0), share=0.6), "high": OutletSpec(at=(72, 24, 32), share=0.4)}

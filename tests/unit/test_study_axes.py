@@ -9,7 +9,7 @@ import pytest
 
 from granpipe.case.reader import load_case, varied
 from granpipe.errors import CaseError
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.study import findings
 from granpipe.study.axes import (
     BASE,

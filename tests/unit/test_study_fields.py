@@ -11,7 +11,7 @@ from fakes.records import SETTLED, segment
 from fakes.sums import NOTHING
 
 from granpipe.case.reader import load_case
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.study.fields import FinishedRun
 
 

@@ -12,7 +12,7 @@ import pytest
 from granpipe.case.reader import CaseFile, load_case, read_case, varied
 from granpipe.dem.contact import filling_angle
 from granpipe.errors import CaseError, DataError
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.study import recommend as study_recommend
 from granpipe.study.budget import ErrorBound, Option
 from granpipe.study.points import make_study

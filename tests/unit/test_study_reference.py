@@ -12,7 +12,7 @@ from fakes.study_points import CASE, OWN, PER_DIAMETER, PER_SPEED, norm_of_profi
 
 from granpipe.case.reader import varied
 from granpipe.errors import CaseError, DataError
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.progress import Silent
 from granpipe.study.budget import advise
 from granpipe.study.findings import Comparison

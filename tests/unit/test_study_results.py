@@ -11,7 +11,7 @@ from fakes.study_points import CASE, OWN, PER_DIAMETER, PER_FRICTION, PER_MASS, 
 from granpipe.case.reader import varied
 from granpipe.errors import DataError
 from granpipe.field import Field
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.study.axes import BASE, FILLINGS, FINEST_SPEED, SEED
 from granpipe.study.budget import ErrorBound, advise
 from granpipe.study.findings import Comparison, Findings, StudyPoint

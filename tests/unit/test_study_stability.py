@@ -11,7 +11,7 @@ from stability.suite import changes_of, scene
 
 from granpipe.case.reader import varied
 from granpipe.errors import CaseError
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 
 RADIUS = 0.01
 SPAN = (-0.05, 0.05)

@@ -9,7 +9,7 @@ import pytest
 from granpipe.case.reader import load_case, varied
 from granpipe.case.schema import Case
 from granpipe.geometry.outline import Outline
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.planning.submodel import Span, spans, sub_case
 
 REACTOR = Path(__file__).parents[2] / "cases" / "reactor.yaml"

@@ -14,7 +14,7 @@ from granpipe.case.reader import read_case
 from granpipe.errors import CaseError
 from granpipe.fluid.friction_error import ExpectedError, Scene, expected_error
 from granpipe.pipeline.results import plan_summary
-from granpipe.planning.plan import make_plan, model_plans, other_rheology
+from granpipe.planning.make import make_plan, model_plans, other_rheology
 from granpipe.planning.text import plan_text
 
 CONE = Scene("hopper", 26.0, 10.0, 0.42, 0.25, open_outlet=False)

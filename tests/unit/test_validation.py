@@ -34,7 +34,7 @@ from granpipe.dem.snapshot import Snapshot
 from granpipe.errors import RunError
 from granpipe.field import Grid
 from granpipe.pipeline import dem_stages
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "benchmarks" / "references" / "validation"

@@ -11,7 +11,7 @@ from granpipe.case.reader import load_case
 from granpipe.fluid.wall_factor import MeasuredCone, WallFactorLaw, wall_factor_law
 from granpipe.pipeline.fluid_field import wall_law
 from granpipe.pipeline.results import plan_summary
-from granpipe.planning.plan import make_plan, other_rheology
+from granpipe.planning.make import make_plan, other_rheology
 from granpipe.planning.text import plan_text
 from granpipe.planning.wall_factors import wall_friction
 

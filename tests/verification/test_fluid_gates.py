@@ -22,7 +22,8 @@ from granpipe.pipeline.fluid_field import fluid_field
 from granpipe.pipeline.hybrid_field import hybrid_field
 from granpipe.pipeline.known_field import known_results
 from granpipe.pipeline.model_result import ModelResult
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.planning.submodel import Span
 from granpipe.progress import Silent
 from granpipe.system.manifest import write_manifest

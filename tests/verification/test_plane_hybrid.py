@@ -23,7 +23,8 @@ from granpipe.pipeline.context import Context
 from granpipe.pipeline.gates import Gate
 from granpipe.pipeline.hybrid_field import hybrid_field
 from granpipe.pipeline.model_result import ModelResult
-from granpipe.planning.plan import Plan, make_plan
+from granpipe.planning.make import make_plan
+from granpipe.planning.plan import Plan
 from granpipe.planning.submodel import sub_case
 from granpipe.progress import Silent
 from granpipe.rzmesh import RZMesh

@@ -27,7 +27,7 @@ from granpipe.geometry.outline import Outline
 from granpipe.geometry.section import mesh_section
 from granpipe.pipeline.dump_window import Frame, Request
 from granpipe.pipeline.dumps import homogenize_files
-from granpipe.planning.plan import make_plan
+from granpipe.planning.make import make_plan
 from granpipe.rzmesh import RZMesh
 
 Velocity = Callable[[Array, Array], tuple[Array, Array]]
