@@ -51,7 +51,7 @@ with no more than that is made by `python benchmarks/reactor_limit.py pack RESUL
 
 - A **point** is one DEM run (or a hybrid, or a fluid). All points have one grid, as fine as the smallest particles
   need it: deposits are exact on any cell, so fields of different particles are compared face by face. One that is too
-  short for a field goes on by an eighth of its time, up to four times.
+  short for a field with an error bar goes on by an eighth of its time, up to four times.
 - An **option** is a point, a method, and a length of its average. Shorter averages, larger cells and other methods
   are made from the same segments without running anything. Their time is LIGGGHTS's processor time for each rank up to
   there, filling included: the wall time on cores that nothing else uses. Replicas count for as many cores as they are.

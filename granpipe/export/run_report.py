@@ -255,7 +255,10 @@ def _numbers(plan: Data | None, provenance: Data) -> Iterator[Number]:
             note = f"worst section {worst}: {_percent(sections[worst])}" if worst else ""
             yield Number(f"statistical error{_of(name)}", _percent(error["whole"]), note)
     if not any(errors.values()):
-        yield Number("statistical error", "none", "a fluid has no noise; its error is that of the model")
+        if plan is not None and plan["model"] == "fluid":
+            yield Number("statistical error", "none", "a fluid has no noise; its error is that of the model")
+        else:
+            yield Number("statistical error", "not known", "too few segments were averaged, or the method tells none")
     if "largest_speed_m_per_s" in field:
         yield Number("largest velocity", _speed(field["largest_speed_m_per_s"]), "of the bulk")
     if "reference_packing" in field:

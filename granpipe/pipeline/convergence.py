@@ -12,7 +12,7 @@ from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.conserve import gathered_flow
 from granpipe.homogenize.statistics import LEAST_BLOCKS
 from granpipe.pipeline.averages import AveragedField, steady_segments
-from granpipe.pipeline.gates import Gate, error_gates, level_flow_gates, missing_time
+from granpipe.pipeline.gates import SEGMENTS, Gate, error_gates, level_flow_gates, missing_time
 from granpipe.pipeline.space_average import averaged_of
 from granpipe.planning.plan import Plan
 
@@ -86,6 +86,8 @@ def average_gates(case: Case, averaged: AveragedField, steady: Sums, diameter: f
         plug.solids_flow,
         steady.duration,
     )
+    if (blocks := averaged.figures.get("blocks")) is not None:
+        gates.append(SEGMENTS.gate(blocks))
     if target is not None:
         errors, effective = averaged.figures.get("statistical_error", {}), averaged.figures["effective_blocks"]
         travel = widest_level_travel(averaged, steady, diameter)

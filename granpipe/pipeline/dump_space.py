@@ -34,7 +34,16 @@ from granpipe.pipeline.dump_checks import (
 from granpipe.pipeline.dump_grid import vessel_box
 from granpipe.pipeline.dump_survey import survey
 from granpipe.pipeline.dump_window import Frame, Request
-from granpipe.pipeline.gates import CONSERVING, PACKING, SPACE_BLOCKS, Gate, level_flow_gates, upward_gate
+from granpipe.pipeline.gates import (
+    CONSERVING,
+    MORE_SNAPSHOTS,
+    PACKING,
+    SEGMENTS,
+    SPACE_BLOCKS,
+    Gate,
+    level_flow_gates,
+    upward_gate,
+)
 from granpipe.pipeline.space_average import outlet_flows, outlet_notes
 from granpipe.planning.flow import check_flow_rate, target_flow
 
@@ -200,6 +209,7 @@ def _averaged(request: Request, vessel: _Vessel) -> Homogenized:
         *solids_gate(found, held_solids(field), frame),
         PACKING.gate(field.bulk_packing),
         CONSERVING.gate(fitted.change),
+        SEGMENTS.gate(len(segments), remedy=MORE_SNAPSHOTS),
         *known,
     ]
     told = told_of(field, "the nearest conserving flow", gates, found, collector, figures)

@@ -21,7 +21,8 @@ from granpipe.geometry.outline import Outline
 from granpipe.homogenize.assemble import raw_field, unguided_plug, with_standard_errors
 from granpipe.homogenize.average import Sums, merge
 from granpipe.homogenize.psi_field import psi_field
-from granpipe.pipeline.averages import AveragedField, averaged_field, smoothing_change
+from granpipe.homogenize.space_field import space_errors
+from granpipe.pipeline.averages import AveragedField, averaged_field, smoothing_change, statistical_errors
 from granpipe.pipeline.convergence import average_gates, widest_level_travel
 from granpipe.pipeline.dem_field import run_statistics
 from granpipe.pipeline.dump_average import Homogenized, inside_outline, most_segments, summed_dumps, told_of
@@ -38,7 +39,7 @@ from granpipe.pipeline.dump_space import in_space, in_walls
 from granpipe.pipeline.dump_survey import Survey, survey
 from granpipe.pipeline.dump_window import Request
 from granpipe.pipeline.extra_fields import FORCES, ExtraSums, with_derived
-from granpipe.pipeline.gates import PACKING, SMOOTHING, Gate, asymmetry_gate, upward_gate
+from granpipe.pipeline.gates import MORE_SNAPSHOTS, PACKING, SEGMENTS, SMOOTHING, Gate, asymmetry_gate, upward_gate
 from granpipe.planning.flow import check_flow_rate
 from granpipe.planning.plane import check_plane, depth_note
 from granpipe.planning.set_back import check_dumps
@@ -98,9 +99,12 @@ def _on_grid(request: Request) -> Homogenized:
     densest = check_packing(merge(segments), np.ones(grid.shape), found.diameter)
     field, method = _plain(segments, found.diameter)
     gates = [*frame_marks, *time_gate(found), *solids_gate(found, held_solids(field), request.frame)]
-    return told_of(
-        field, method, [*gates, PACKING.gate(field.bulk_packing)], found, collector, {"largest_packing": densest}
-    )
+    gates += [SEGMENTS.gate(len(segments), remedy=MORE_SNAPSHOTS), PACKING.gate(field.bulk_packing)]
+    figures: dict[str, Any] = {"largest_packing": densest}
+    if field.flux_z_se is not None:
+        errors = statistical_errors if field.flux_y is None else space_errors
+        figures["statistical_error"] = errors(field, {})
+    return told_of(field, method, gates, found, collector, figures)
 
 
 def _in_vessel(request: Request, case: Case) -> Homogenized:

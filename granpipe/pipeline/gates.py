@@ -15,6 +15,7 @@ import numpy as np
 
 from granpipe.dem.contact import MEAN_OVERLAP, P99_OVERLAP
 from granpipe.field import Array, Field, level_flow
+from granpipe.homogenize.statistics import LEAST_BLOCKS
 from granpipe.planning.plan import Plan
 from granpipe.planning.planner import LEAST_CELLS
 from granpipe.planning.within_error import FEWEST_DIAMETERS as FEWEST_OF_FRICTION
@@ -127,6 +128,17 @@ TRAVEL = Limit(
     "1.7 times the error that they tell (1.9 in the worst section); see `benchmarks/short_averages.py`.",
     low=2,
 )
+SEGMENTS = Limit(
+    "segments averaged",
+    PARTICLES,
+    "How far a field is off by chance is told by how segments of its run differ. Fewer than seven tell nothing: the "
+    "field has no error bar then. `homogenize.method: gaussian` gives none at all.",
+    low=LEAST_BLOCKS,
+    remedy="average longer: dem.max_time",
+)
+MORE_SNAPSHOTS = "average more snapshots"
+"""The remedy for dumps that a user brings."""
+
 SIZE_SHARE = Limit(
     "mass share of the worst size class, deviation",
     PARTICLES,
@@ -352,6 +364,7 @@ GATES = (
     IN_SOLID,
     LEVEL_FLOW,
     STORAGE,
+    SEGMENTS,
     STATISTICAL_ERROR,
     BLOCKS,
     TRAVEL,

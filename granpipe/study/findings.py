@@ -95,6 +95,11 @@ class StudyPoint:
     forecast: float | None
 
     @property
+    def too_short(self) -> bool:
+        """Whether its run has a field, but was too short for an error bar: then nothing can be compared with it."""
+        return self.finished is not None and self.field.flux_z_se is None
+
+    @property
     def diameter(self) -> float:
         """Largest Sauter diameter of its particles [m]; 0 without any."""
         return max((run.dem.classes.sauter_diameter for run in self.plan.runs), default=0.0)

@@ -1,7 +1,7 @@
 """Points of a study that ended without a field, for too little time, go on for a while: their production continues.
 
 Flow through a throat a few diameters wide comes in bursts. A run whose end falls into one has no field, and a short
-while later it has; a study whose own case has none could compare nothing.
+while later it has; a study whose own case has none could compare nothing. A field without an error bar is no better.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from pathlib import Path
 
 from granpipe.errors import CaseError, DataError
 from granpipe.pipeline.failure_report import failure_folder
+from granpipe.pipeline.gates import SEGMENTS
+from granpipe.pipeline.provenance import Provenance
 from granpipe.progress import Progress
 from granpipe.sweep.file import Sweep
 from granpipe.sweep.folder import Folder
@@ -63,7 +65,8 @@ def _longer(folder: Folder, asked: Folder, name: str, progress: Progress) -> Var
     after = time + STEP * least
     if after > (1 + MOST) * least * (1 + 1e-6) or not _too_short(folder, name):
         return last if time > least else wanted
-    progress.note(f"{name}: no field after {time:.4g} s, goes on to {after:.4g} s ({(1 + MOST) * least:.4g} s at most)")
+    most = (1 + MOST) * least
+    progress.note(f"{name}: no error bar after {time:.4g} s, goes on to {after:.4g} s ({most:.4g} s at most)")
     return Variant(name, wanted.changes | {_TIME: f"{after:.6g} s"})
 
 
@@ -81,8 +84,11 @@ def _time(folder: Folder, name: str) -> float | None:
 
 
 def _too_short(folder: Folder, name: str) -> bool:
-    """Whether a point has failed as it is in the folder, for nothing but its length."""
+    """Whether a point, as it is in the folder, lacks a field or its error bar for nothing but its length."""
     state = folder.state(name)
+    if folder.is_done(name):
+        averaged = Provenance.read(folder.points / name).figures.get("blocks")
+        return averaged is not None and not SEGMENTS.gate(averaged).passed
     if state is None or state.phase != "failed" or state.error == INTERRUPTED:
         return False
     try:

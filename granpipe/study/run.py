@@ -20,6 +20,8 @@ from granpipe.sweep.points import plan_points
 from granpipe.sweep.run import run_missing
 from granpipe.sweep.status import PointStatus, marked, statuses
 
+_TOO_SHORT = "too short for an error bar; average longer (dem.max_time)"
+
 
 @dataclass(frozen=True)
 class StudyRun:
@@ -99,6 +101,10 @@ def report_study(
     case = load_case(folder.case)
     progress.stage("points")
     points = load_points(folder, progress)
+    if points[0].too_short:
+        raise RunError(f"the case itself is not done: {_TOO_SHORT}")
+    missing += [PointStatus(point.name, "failed", _TOO_SHORT) for point in points if point.too_short]
+    points = [point for point in points if not point.too_short]
     progress.stage("finite elements")
     solves = fluid_refinement(case, points[0].plan.grid)
     progress.stage("comparison")

@@ -71,7 +71,7 @@ def results(folder: Path, model: str = "dem", **changes: Any) -> Path:
         "submodels": submodels,
         **changes,
     }
-    (folder / "comsol").mkdir(exist_ok=True)
+    (folder / "comsol").mkdir(parents=True, exist_ok=True)
     (folder / "comsol" / "import_comsol.java").write_text("")
     (folder / "plan.json").write_text(json.dumps(plan))
     (folder / "provenance.json").write_text(json.dumps(provenance))

@@ -39,7 +39,7 @@ AXIS_ROTATIONS: dict[Up, tuple[int, int, int, int]] = {
 }
 
 
-def flow(count: int = 6) -> list[Particles]:
+def flow(count: int = 8) -> list[Particles]:
     return list(snapshots(FLOW, np.full(1, 0.02), 0.2, count, 1))
 
 
@@ -171,7 +171,7 @@ def test_snapshots_without_particles_are_left_out_and_said(tmp_path: Path, at: i
     made = averaged(write(tmp_path, series))
     assert made.figures["empty_snapshots"] == 1
     assert f"left out: 1 snapshot without particles (first at step {1000 * at})" in made.notes
-    assert made.figures["snapshots"] == 6
+    assert made.figures["snapshots"] == 8
     with pytest.raises(DataError, match="no particles"):
         averaged(write(tmp_path, [series[at]]))
 
@@ -231,7 +231,7 @@ def test_particles_that_come_back_on_top_do_not_move_upwards(tmp_path: Path) -> 
 
 
 def test_a_wrong_time_step_marks_the_field(tmp_path: Path) -> None:
-    dumps = write(tmp_path, flow(4))
+    dumps = write(tmp_path, flow())
     made = homogenize_files(replace(request(dumps), time_step=2e-5), None)
     failed = next(gate for gate in made.failed if "time" in gate.name)
     assert failed.value == pytest.approx(10, rel=0.05)
@@ -240,7 +240,7 @@ def test_a_wrong_time_step_marks_the_field(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("factor", "marked"), [(1 / 1.5, True), (1.0, False), (1.5, True)])
 def test_a_time_step_that_is_half_as_long_again_marks_the_field(tmp_path: Path, factor: float, marked: bool) -> None:
-    asked = request(write(tmp_path, flow(4)))
+    asked = request(write(tmp_path, flow()))
     made = homogenize_files(replace(asked, time_step=factor * asked.time_step), None)
     assert any("--time-step" in gate.limit for gate in made.failed) == marked
 
@@ -309,9 +309,17 @@ def test_a_place_beyond_all_bounds_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_loose_bed_marks_the_field(tmp_path: Path) -> None:
-    series = [tuple(array[n % 2 == 0] for array in (n, x, v, a)) for n, x, v, a in flow(3)]
+    series = [tuple(array[n % 2 == 0] for array in (n, x, v, a)) for n, x, v, a in flow()]
     made = averaged(write(tmp_path, series))
     assert [gate.name for gate in made.failed] == ["reference packing"]
+
+
+@pytest.mark.parametrize(("count", "marked"), [(7, True), (8, False)])  # a segment lies between two snapshots
+def test_too_few_snapshots_for_an_error_bar_mark_the_field(tmp_path: Path, count: int, marked: bool) -> None:
+    made = averaged(write(tmp_path, flow(count)))
+    assert [gate.name for gate in made.failed] == ["segments averaged"] * marked
+    assert ("statistical_error" in made.figures) != marked
+    assert (made.field.flux_z_se is None) == marked
 
 
 # --- radius, time and the command ------------------------------------------------------------------------------------
@@ -350,7 +358,7 @@ def command(dumps: tuple[Path, ...], out: Path, *more: str) -> tuple[int, str]:
 
 
 def test_the_command_marks_what_fails_and_writes_what_it_measured(tmp_path: Path) -> None:
-    dumps = write(tmp_path, flow(4))
+    dumps = write(tmp_path, flow())
     assert command(dumps, tmp_path / "good")[0] == 0
     status, output = command(dumps, tmp_path / "marked", "--axis", "10cm,0")
     assert status == 4
@@ -358,7 +366,7 @@ def test_the_command_marks_what_fails_and_writes_what_it_measured(tmp_path: Path
     for name, failed in (("good", 0), ("marked", 1)):
         provenance = json.loads((tmp_path / name / "provenance.json").read_text())
         assert sum(not gate["passed"] for gate in provenance["quality"]) >= failed
-        assert provenance["figures"]["snapshots"] == 4
+        assert provenance["figures"]["snapshots"] == 8
         assert provenance["sampling"] == "displacement between snapshots"
     assert command(dumps, tmp_path / "bad", "--axis", "1")[0] == 2
     assert command(dumps, tmp_path / "bad", "--time-step", "0")[0] == 2

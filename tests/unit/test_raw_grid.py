@@ -96,7 +96,7 @@ def test_flow_through_the_ends_of_x_is_not_made_to_conserve(tmp_path: Path) -> N
 
 
 def test_the_command_says_what_it_did(tmp_path: Path) -> None:
-    dumps = [str(path) for path in PlaneFlow().dumps(tmp_path, 0.1, 4)]
+    dumps = [str(path) for path in PlaneFlow().dumps(tmp_path, 0.1, 8)]
     options = ["--cell", "4 cm", "--plane", "xz", "--z", "0", "100 cm", "--time-step", "1e-4"]
     done = CliRunner().invoke(main, ["homogenize", *dumps, *options, "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output

@@ -144,6 +144,17 @@ def test_the_other_models_tell_what_they_know(model: str, tmp_path: Path) -> Non
     assert ("Settings and criteria of sub-model d" in text) == (model == "hybrid")
 
 
+def test_no_report_calls_particles_without_an_error_bar_a_fluid_without_noise(tmp_path: Path) -> None:
+    noiseless = "a fluid has no noise"
+    assert noiseless in report(results(tmp_path / "fluid", "fluid"))
+    short = report(results(tmp_path / "short", figures={"blocks": 6}))
+    assert "too few segments were averaged" in short
+    assert noiseless not in short
+    dumps = results(tmp_path / "dumps", case=None, sampling="displacement", method="none", figures={})
+    (dumps / "plan.json").unlink()
+    assert noiseless not in report(dumps)
+
+
 def test_the_report_of_a_field_in_space_does_not_call_it_a_mean_over_the_turn(tmp_path: Path) -> None:
     assert "the average over the full turn" in report(results(tmp_path))
     assert "the average over the full turn" not in report(results(tmp_path, figures={"conserving_changes": 0.0}))

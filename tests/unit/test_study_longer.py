@@ -71,6 +71,16 @@ def test_in_all_it_goes_on_by_a_half(study: Study, tmp_path: Path) -> None:
     assert found == [9, 10, 11, 12, 12, 12]
 
 
+@pytest.mark.parametrize(("blocks", "time"), [(6, 9), (7, 8)])
+def test_a_field_without_an_error_bar_is_too_short(study: Study, tmp_path: Path, blocks: int, time: float) -> None:
+    folder = leave(study.sweep(), tmp_path, "base", phase="done")
+    results = folder.points / "base"
+    results.mkdir(parents=True)
+    told = {"case": "base", "wall_seconds": 1.0, "quality": [], "figures": {"blocks": blocks}}
+    (results / "provenance.json").write_text(json.dumps(told))
+    assert times(lengthened(study.sweep(), tmp_path, Silent())) == [time, 4]
+
+
 @pytest.mark.parametrize(
     "failure",
     [
