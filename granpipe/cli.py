@@ -426,7 +426,7 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     agree where the 95 % upper bound of their difference, statistical noise removed, is within the tolerance.
     """
     from granpipe.analysis.compare import compare as compare_fields
-    from granpipe.analysis.compare import difference_table, thirds
+    from granpipe.analysis.compare import difference_table, lacks_error_bar, thirds
     from granpipe.dem.sizes import size_classes
     from granpipe.field import Field
     from granpipe.pipeline.field_vessel import check_case
@@ -442,6 +442,8 @@ def compare(one: Path, other: Path, tolerance: float) -> None:
     levels = case.outline.levels if case.vessel is None else thirds(fields[0].grid)
     diameter = size_classes(case.material.size).sauter_diameter * case.dem.coarse_grain_factor
     click.echo(difference_table(compare_fields(*fields, levels, diameter), tolerance))
+    unknown = [folder for folder, field in zip((one, other), fields, strict=True) if lacks_error_bar(field)]
+    _tell(f"{folder}: its field has no error bar, so that its noise is in the difference" for folder in unknown)
     for folder, known in gates.items():
         _tell(f"{folder}: quality gate failed: {gate}" for gate in known if not gate.passed)
 

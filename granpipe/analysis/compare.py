@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import sqrt
 
@@ -32,6 +32,7 @@ class Difference:
     noise : what the statistical errors of both contribute to it on average
     noise_free : √(E² − noise²), 0 where noise explains all
     upper : 95 % upper bound of the noise-free difference
+    noise_known : whether that is all the noise there is; else the bound holds the rest of it, and is too high
     """
 
     name: str
@@ -39,6 +40,7 @@ class Difference:
     noise: float
     noise_free: float
     upper: float
+    noise_known: bool = True
 
     @property
     def lower(self) -> float:
@@ -50,7 +52,7 @@ class Difference:
         """Whether they agree (upper bound within the tolerance) or differ (lower one beyond it); else unresolved."""
         if self.upper <= tolerance:
             return "agree"
-        return "differ" if self.lower > tolerance else "unresolved"
+        return "differ" if self.noise_known and self.lower > tolerance else "unresolved"
 
 
 def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]], diameter: float) -> list[Difference]:
@@ -61,7 +63,7 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
 
     Parameters
     ----------
-    one, other : fields on the same grid; a standard error that a field does not have counts as none
+    one, other : fields on the same grid; an error bar that a field does not have counts as none
     levels : section → upper and lower end [m]
     diameter : particle diameter d [m]
 
@@ -91,14 +93,22 @@ def compare(one: Field, other: Field, levels: Mapping[str, tuple[float, float]],
         raise DataError("the fields have no cell in common in which solids flow or rest; there is nothing to compare")
     cells = Cells.of(one, other)
     shared = max(1.0, (diameter / grid.cell) ** len(grid.shape))
-    return [cells.compare(name, rows, shared) for name, rows in section_rows(grid, levels).items()]
+    known = not any(map(lacks_error_bar, (one, other)))
+    found = (cells.compare(name, rows, shared) for name, rows in section_rows(grid, levels).items())
+    return [replace(difference, noise_known=known) for difference in found]
+
+
+def lacks_error_bar(field: Field) -> bool:
+    """Whether a field is an average over particles whose noise is not known; a fluid has none."""
+    return field.raw_flux_z is not None and field.flux_z_se is None
 
 
 def difference_table(found: Iterable[Difference], tolerance: float) -> str:
     """The differences as a table for people, with a verdict for each."""
     lines = [f"{'section':<12}{'difference':>12}{'noise':>10}{'noise-free':>12}{'95 % below':>12}"]
     for d in found:
-        numbers = f"{d.observed:>12.2%}{d.noise:>10.2%}{d.noise_free:>12.2%}{d.upper:>12.2%}"
+        noise = f"{d.noise:>10.2%}{d.noise_free:>12.2%}" if d.noise_known else f"{'unknown':>10}{'unknown':>12}"
+        numbers = f"{d.observed:>12.2%}{noise}{d.upper:>12.2%}"
         lines.append(f"{d.name:<12}{numbers}  {d.verdict(tolerance)}")
     return "\n".join(lines)
 
@@ -137,7 +147,7 @@ class Cells:
         observed, noise, spread = self._sums(rows)
         free = max(0.0, observed - noise)
         upper = free + ONE_SIDED_95 * sqrt(shared * spread)
-        return Difference(name, *(sqrt(value / total) for value in (observed, noise, free, upper)))
+        return Difference(name, sqrt(observed / total), sqrt(noise / total), sqrt(free / total), sqrt(upper / total))
 
 
 def error_squares(field: Field) -> Array:

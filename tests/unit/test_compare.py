@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from granpipe.analysis.compare import Difference, compare
+from granpipe.analysis.compare import Difference, compare, difference_table
 from granpipe.errors import DataError
 from granpipe.field import Field, Grid, flux_from_psi
 
@@ -60,6 +60,20 @@ def test_a_difference_under_noise_stays_below_its_bound() -> None:
         assert found.noise_free == pytest.approx(0.05, abs=0.015)
         covered += found.upper > 0.05 * np.sqrt(0.99)
     assert covered >= 18
+
+
+def test_noise_that_a_field_does_not_tell_is_no_difference_and_its_bound_holds() -> None:
+    for seed in range(20):
+        other = noisy(plug(1.05), 0.1, 100 + seed)
+        unknown = replace(other, raw_flux_r=other.flux_r, raw_flux_z=other.flux_z, flux_r_se=None, flux_z_se=None)
+        for pair in ((noisy(plug(), 0.1, seed), unknown), (unknown, unknown)):
+            found = compare(*pair, LEVELS, 2 * GRID.cell)
+            lower = by_name(found)["lower"]
+            assert lower.verdict(0.04) != "differ"
+            assert pair[0] is unknown or lower.upper > 0.05
+            assert "unknown" in difference_table(found, 0.04)
+    fluid = by_name(compare(plug(), plug(1.1), LEVELS, GRID.cell))["lower"]  # has no noise to tell
+    assert fluid.verdict(0.05) == "differ"
 
 
 def test_too_much_noise_leaves_it_unresolved() -> None:
