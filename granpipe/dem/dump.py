@@ -8,10 +8,12 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from granpipe.dem.dump_binary import begins_binary, first_binary_step, read_binary
 from granpipe.dem.dump_text import first_text_step, read_text
 from granpipe.dem.dump_vtk import VTK_START, read_vtk, vtk_step
-from granpipe.dem.snapshot import OWN_COLUMNS, Snapshot
+from granpipe.dem.snapshot import OWN_COLUMNS, READ_COLUMNS, Snapshot
 from granpipe.errors import DataError
 
 _TEXT_START = b"ITEM:"
@@ -28,6 +30,7 @@ _OTHERS = {
     b"<": "XML, as .vtp and .vtu files are: dump custom/vtk to files that end on .vtk",
 }
 _HEAD = 512  # bytes by which a format is told
+_SAME = 1e-3  # of the largest in a column: so much may a value differ that was written before and after a restart
 
 
 def read_dump(path: Path, columns: Sequence[str] | None = None, last_step: float = math.inf) -> Iterator[Snapshot]:
@@ -67,14 +70,17 @@ def read_dumps(
 ) -> Iterator[Snapshot]:
     """Read several files in the order of their first steps, whatever the order of their names.
 
-    A step that a restarted simulation wrote a second time is passed over. The files of the box that ``dump custom/vtk``
-    writes beside its dumps are left out. Files whose first step cannot be read come last.
+    A step that a restarted simulation wrote a second time is passed over, where it holds the same particles. The files
+    of the box that ``dump custom/vtk`` writes beside its dumps are left out. Files whose first step cannot be read come
+    last.
 
     Raises
     ------
-    DataError : steps run backwards within a file, or files overlap; or see `read_dump`
+    DataError : steps run backwards within a file, files overlap, or a step is there twice with other particles; or see
+        `read_dump`
     """
     last = -1
+    before: Snapshot | None = None
     for path in sorted((path for path in paths if "boundingBox" not in path.name), key=_sorting_step):
         for snapshot in read_dump(path, columns, last_step):
             if snapshot.step < last:
@@ -82,11 +88,30 @@ def read_dumps(
                     f"{path}: step {snapshot.step} comes after step {last}; give the files of one simulation, and of "
                     "files that overlap only one"
                 )
-            if snapshot.step > last:
-                yield snapshot
-            last = snapshot.step
+            if before is not None and snapshot.step == last:
+                if not _alike(before, snapshot):
+                    raise DataError(
+                        f"{path}: step {last} is there twice, with other particles; give the files of one simulation"
+                    )
+                continue
+            yield snapshot
+            before, last = snapshot, snapshot.step
             if last >= last_step:
                 return
+
+
+def _alike(one: Snapshot, other: Snapshot) -> bool:
+    """Whether two snapshots hold the same particles, in any order, but for what a restart rounds."""
+    if one.columns != other.columns or len(one) != len(other):
+        return False
+    read = [at for at, name in enumerate(one.columns) if name in READ_COLUMNS]  # forces are not known yet
+    first, second = (snapshot.values for snapshot in (one, other))
+    if "id" in one.columns:
+        at = one.columns.index("id")
+        first, second = (values[np.argsort(values[:, at], kind="stable")] for values in (first, second))
+    first, second = first[:, read], second[:, read]
+    scale = np.abs(first).max(axis=0, initial=0.0)
+    return bool((np.abs(first - second) <= _SAME * scale).all())
 
 
 def first_step(path: Path) -> int:

@@ -113,7 +113,6 @@ class _Lines:
         self.stream, self.path = stream, path
         self.number = 0
         self._unended = False  # the last line lacks its end
-        self._blank_ends = False  # lines end with a blank, as LIGGGHTS writes them
         self._buffer = b""
         self._at = 0
 
@@ -142,7 +141,6 @@ class _Lines:
             return None
         line, self._at = self._buffer[self._at : end], min(end + 1, len(self._buffer))
         self.number += 1
-        self._blank_ends = _ends_blank(line)
         return line.rstrip(b"\r")
 
     def at_end(self) -> bool:
@@ -200,12 +198,13 @@ class _Lines:
                 raise self.truncated(f"the file ends after {count - missing} of {count} atoms of step {step}")
             text = self._buffer[self._at : end]
             lines = text.count(b"\n")
-            if self._unended and self._blank_ends and not _ends_blank(text):
+            if self._unended:  # what is left of a number is a number, too
                 self.number += lines
-                raise self.truncated(f"the file ends within an atom of step {step}")
+                raise self.truncated(
+                    f"the last row of step {step} has no line end, it may be cut in a number; add one if it is whole"
+                )
             parts.append(self._parse(text, lines, names))
             self._at, self.number, missing = end, self.number + lines, missing - lines
-            self._blank_ends = _ends_blank(text)
         return np.concatenate(parts) if parts else np.empty((0, len(names)))
 
     def _end_of_lines(self, count: int) -> int:
@@ -259,7 +258,3 @@ def _is_number(word: bytes) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _ends_blank(text: bytes) -> bool:
-    return text.rstrip(b"\r\n").endswith(b" ")

@@ -122,6 +122,7 @@ def check_obstacles(
         )
     for name, polygon in obstacles.items():
         _check_polygon(polygon, obstacle_key(name), tolerance, axial)
+        _check_thickness(polygon, obstacle_key(name), tolerance)
         _check_within_walls(polygon, left, wall, obstacle_key(name), tolerance)
     for (first, a), (second, b) in combinations(obstacles.items(), 2):
         if _overlap(a, b, tolerance):
@@ -138,6 +139,15 @@ def check_obstacles(
             f"blocks the whole cross-section between {between}{together}; leave an opening for the particles",
             obstacle_key(closing[-1]),
         )
+
+
+def _check_thickness(polygon: Array, key: KeyPath, tolerance: float) -> None:
+    """CaseError for an obstacle that is hardly more than a line: no mesh resolves it."""
+    (r, z), (next_r, next_z) = polygon.T, np.roll(polygon, -1, axis=0).T
+    area = 0.5 * abs(float((r * next_z - next_r * z).sum()))
+    thickness = 2 * area / float(np.hypot(next_r - r, next_z - z).sum())
+    if thickness <= tolerance:
+        raise CaseError(f"only {thickness:.2g} m thick on average; draw it thicker, or leave it out", key)
 
 
 def check_sections(sections: Mapping[str, ZRange], z_top: float, z_bottom: float, tolerance: float) -> None:

@@ -105,6 +105,19 @@ def test_a_step_that_a_restart_wrote_again_is_read_once(write):
     assert [snapshot.step for snapshot in read_dumps(paths)] == [0, 10, 20, 30]
 
 
+def test_a_step_that_is_there_twice_with_other_particles_is_refused(write):
+    other = particles()
+    other[:, COLUMNS.index("vz")] *= 5
+    for second in (other, particles()[:-1]):
+        paths = [
+            write(binary_snapshot(0, BOX, particles()), "a.bin"),
+            write(binary_snapshot(0, BOX, second), "b.bin"),
+        ]
+        for order in (paths, paths[::-1]):
+            with pytest.raises(DataError, match="step 0 is there twice, with other particles"):
+                list(read_dumps(order))
+
+
 def test_overlapping_files_are_refused(write):
     paths = [
         write(b"".join(binary_snapshot(step, BOX, particles()) for step in steps), f"{steps[0]}.bin")
@@ -229,6 +242,8 @@ def test_a_missing_column_is_named(write):
         (lambda text: text.replace(b"ITEM: ATOMS id", b"ITEM: ATOMS id id"), "expected below"),
         (lambda text: text.replace(b"0.0", b"x", 1), "cannot be read|box bounds"),
         (lambda text: text[:60], "truncated"),
+        (lambda text: text.rstrip(), "no line end, it may be cut in a number"),
+        (lambda text: text.rstrip()[:-1], "no line end, it may be cut in a number|expected below|truncated"),
         (lambda text: gzip.compress(text)[:-30], "compressed data"),
         (lambda text: b"ITEM: TIMESTEP\n" + b"1" * 70000, "line without end"),
     ],

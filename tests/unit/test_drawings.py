@@ -114,6 +114,66 @@ def test_obstacles_of_a_drawing_keep_the_names_of_their_layers(tmp_path: Path) -
     assert layers(tmp_path).unit == "mm"
 
 
+def dxf_with(path: Path, draw: Callable[[Any], None]) -> Drawing:
+    """The wall with what `draw` adds to the document."""
+    import ezdxf
+
+    document = ezdxf.new("R2010")
+    document.header["$INSUNITS"] = 6
+    document.modelspace().add_lwpolyline(WALL)
+    draw(document)
+    document.saveas(path / "made.dxf")
+    return read_drawing(path / "made.dxf")
+
+
+PLATE = [(0.2, 5.5), (0.4, 5.5), (0.3, 5.4)]
+
+
+def test_every_copy_in_an_array_of_blocks_is_an_obstacle(tmp_path: Path) -> None:
+    def draw(document: Any) -> None:
+        document.blocks.new("plate").add_lwpolyline(PLATE, close=True)
+        document.modelspace().add_blockref("plate", (0, 0), dxfattribs={"row_count": 3, "row_spacing": -0.2})
+
+    found = dxf_with(tmp_path, draw).section.obstacles
+    assert sorted(round(float(polygon[:, 1].max()), 6) for polygon in found.values()) == [5.1, 5.3, 5.5]
+
+
+def test_what_a_drawing_hides_is_no_obstacle(tmp_path: Path) -> None:
+    def draw(document: Any) -> None:
+        document.layers.add("off").off()
+        document.layers.add("frozen").freeze()
+        for attributes in ({"layer": "OFF"}, {"layer": "frozen"}, {"invisible": 1}):
+            document.modelspace().add_lwpolyline(PLATE, close=True, dxfattribs=attributes)
+
+    assert not dxf_with(tmp_path, draw).section.obstacles
+
+
+def test_what_is_drawn_is_read_or_refused_by_its_name(tmp_path: Path) -> None:
+    narrow = {"scale_factor": 0.001}
+    multiline = dxf_with(
+        tmp_path, lambda document: document.modelspace().add_mline(PLATE, close=True, dxfattribs=narrow)
+    )
+    assert multiline.section.obstacles
+    with pytest.raises(CaseError, match="layer 0: 3DFACE cannot be read"):
+        dxf_with(tmp_path, lambda document: document.modelspace().add_3dface([(*point, 0) for point in PLATE]))
+    dxf_with(tmp_path, lambda document: document.modelspace().add_text("a silo"))
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("0.5,3m\n0.5,1\n0.2,0.5\n0.2,0\n", "line 1: '0.5,3m' is not two numbers"),
+        ("0.5,3.O\n0.5,1\n0.2,0\n", "line 1"),
+        ("r,z\n0.5,3\n0.5,1\n0.2,0.5\n\n0.2,0\n", "line 6: a point alone"),
+        ("r,z\n0.5,3\n\n0.5,1\n0.2,0.5\n0.2,0\n", "line 2: a point alone"),
+    ],
+)
+def test_no_point_of_a_table_is_lost_without_a_word(tmp_path: Path, rows: str, message: str) -> None:
+    (tmp_path / "wall.csv").write_text(rows)
+    with pytest.raises(CaseError, match=message):
+        read_drawing(tmp_path / "wall.csv", unit="m")
+
+
 def test_an_arc_is_flattened_to_the_tolerance(tmp_path: Path) -> None:
     # a hemispherical bottom of radius 1 about (0, 1) that ends in an outlet of radius 0.6 at z = 0.2
     angles = (math.degrees(math.atan2(-0.8, 0.6)), 0.0)

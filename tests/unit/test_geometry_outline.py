@@ -60,6 +60,7 @@ def test_bad_walls_are_refused_with_place_and_reason(wall, key, words):
         ([[0.2, 1], [0.4, 1.2], [0.4, 1], [0.2, 1.2]], (2,), "cross"),
         ([[0.2, 1], [0.4, 1], [0.3, 1]], (1,), "cross"),
         ([[0, 1], [0, 1.2], [1e-9, 1.1]], (), "no radius"),
+        ([[0.2, 1], [0.4, 1], [0.3, 1.000001]], (), "thick on average"),
         (box(1.2, 1.4, 1, 1.5), (0,), "0.2 m outside"),
         (box(0.5, 1.1, 1, 1.5), (1,), "outside"),
         (box(0.2, 0.4, 1.5, 2.5), (2,), "outside"),
