@@ -15,6 +15,8 @@ LEAST_GAP = 5.0
 LEAST_COARSE_GAP = 3.0
 """The same of particles that stand for smaller ones: such a run is marked, but it tells what coarseness costs."""
 
+_ROUNDING = 1e-9
+
 
 def check_gap(opening: Opening, classes: SizeClasses, coarse_grain_factor: float) -> Decision:
     """One rule for every opening: at least `LEAST_GAP` of the material's own particles fit side by side.
@@ -34,10 +36,10 @@ def check_gap(opening: Opening, classes: SizeClasses, coarse_grain_factor: float
             key=opening.key,
         )
     least = LEAST_GAP if coarse_grain_factor == 1 or ratio * coarse_grain_factor < LEAST_GAP else LEAST_COARSE_GAP
-    if ratio < least:
+    if ratio < least * (1 - _ROUNDING):
         coarser = ", a smaller dem.coarse_grain_factor" if coarse_grain_factor > 1 else ""
         raise CaseError(
-            f"the {opening.name} is {opening.gap:.4g} m wide, only {ratio:.2g} times the particles' d90 of "
+            f"the {opening.name} is {opening.gap:.4g} m wide, only {ratio:.3g} times the particles' d90 of "
             f"{classes.d90:.4g} m; it must be at least {least:g} times: use smaller particles{coarser} or a wider "
             "opening" + ("" if opening.required else f"; {_closed(opening)}"),
             key=opening.key,

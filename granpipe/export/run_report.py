@@ -226,11 +226,18 @@ def _percent(part: float) -> str:
 def _model(plan: Data | None, provenance: Data) -> str:
     if plan is None:
         return f"from dumps; sampled by {provenance['sampling']}; method: {provenance['method']}"
+    if _is_frictional(plan, provenance):
+        return "from a fluid with the friction of the bulk and of the walls; no particle was simulated"
     return {
         "dem": "from a simulation of every particle (DEM)",
         "fluid": "from a fictitious fluid between moving walls; no particle was simulated",
         "hybrid": "from a fictitious fluid that follows a simulation of every particle (DEM) in some sections",
     }[plan["model"]]
+
+
+def _is_frictional(plan: Data, provenance: Data) -> bool:
+    """Whether the whole field is that of a frictional fluid, of which alone the sensitivity is computed."""
+    return bool(plan["model"] == "fluid" and "sensitivity" in provenance["figures"])
 
 
 def _records(provenance: Data) -> Iterator[tuple[str, Data]]:
@@ -440,6 +447,11 @@ def _not_fit(plan: Data | None, provenance: Data) -> Iterator[Section]:
             "Motion of single particles, mixing by their random motion, segregation: the field is an average."
         )
         limits += _one_way(provenance.get("field", {}), in_space(provenance["figures"]))
+    elif plan is not None and _is_frictional(plan, provenance):
+        limits.append(
+            "Arching, flow in jerks and the history of filling: a fluid with friction knows none of them. Above a "
+            "floor its funnel is too wide."
+        )
     else:
         limits.append("Stagnant zones and free surfaces: a fluid fills the vessel and moves everywhere.")
     voids = sum(one["void_m2"] for one in provenance.get("field", {}).get("sections", {}).values())

@@ -155,6 +155,13 @@ def test_no_report_calls_particles_without_an_error_bar_a_fluid_without_noise(tm
     assert noiseless not in report(dumps)
 
 
+def test_a_frictional_fluid_is_not_said_to_know_no_free_surfaces(tmp_path: Path) -> None:
+    text = report(results(tmp_path, "fluid", figures={"sensitivity": {"whole": 0.1}}))
+    assert "a fluid with the friction of the bulk" in text
+    assert "Arching, flow in jerks" in text
+    assert "moves everywhere" not in text
+
+
 def test_the_report_of_a_field_in_space_does_not_call_it_a_mean_over_the_turn(tmp_path: Path) -> None:
     assert "the average over the full turn" in report(results(tmp_path))
     assert "the average over the full turn" not in report(results(tmp_path, figures={"conserving_changes": 0.0}))
