@@ -71,7 +71,7 @@ def test_of_several_sizes_the_sauter_radius_counts(tiny: Path) -> None:
         (
             {"material__size": "{diameter: 2 cm}", "dem__coarse_grain_factor": "4"},
             1,
-            "between walls set back .* only 1.9",
+            "between walls set back .* only 1.88",
         ),
         ({"material__size": "{diameter: 2.5 cm}", "dem__coarse_grain_factor": "1.1"}, 1, "is 0.12 m wide, only 4.8"),
         ({"outline__obstacles": "{pin: [[0, 4], [0.2, 4], [0.2, 6], [0, 6]]}"}, "pin", "nothing is left"),
