@@ -66,7 +66,7 @@ study-reactor: setup
 	    --axis model=fluid --axis coarse_grain_factor=1,1.25,1.5,1.75 --axis plate_speed=0.012,0.06 \
 	    --axis finest_speed --axis youngs_modulus=2.5e6,2e7 --axis mass_scaling \
 	    --axis seed=1001,2001 --axis fillings=youngs_modulus \
-	    --point dem.coarse_grain_factor=1,dem.plate_speed=0.012,contact.youngs_modulus=2e7,dem.max_time=12 \
+	    --point dem.coarse_grain_factor=1,dem.plate_speed=0.006,dem.max_time=64 \
 	    --point dem.coarse_grain_factor=1.75,contact.youngs_modulus=2.5e6 \
 	    --point dem.coarse_grain_factor=1.75,contact.youngs_modulus=2.5e6,dem.seed=1001 \
 	    --reference benchmarks/references/reactor_limit
