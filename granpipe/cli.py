@@ -367,7 +367,7 @@ def clean(results: Path) -> None:
         return
     freed, foreign = Store(store).clear()
     click.echo(f"freed {freed / 1e6:.1f} MB; the next run starts from the beginning")
-    _tell(f"kept {folder}: granpipe has not written it" for folder in foreign)
+    _tell(f"kept {folder}: granpipe has not written all that is in it" for folder in foreign)
 
 
 @main.command()

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -18,12 +19,15 @@ from granpipe import __version__
 from granpipe.errors import DataError, RunError
 from granpipe.system.files import explained, remove_leftovers
 from granpipe.system.locks import locked, shared
-from granpipe.system.manifest import MOST_BYTES, is_whole
+from granpipe.system.manifest import MANIFEST, MOST_BYTES, is_whole, read_manifest, write_manifest
 from granpipe.system.publish import lock_file, publishing
 from granpipe.system.reading import read_bytes
 
 _MARKER = "stage.json"
 """In every folder of the store: what granpipe made it for. Only folders that have it are ever removed."""
+
+_UNLISTED = {"work", "logs", "snapshots"}
+"""Folders of a stage that is done in parts; what is in them stands in no manifest."""
 
 
 def key_of(stage: str, version: int, part: Mapping[str, Any]) -> str:
@@ -125,7 +129,7 @@ class Store:
         return shared(self.root / ".lock")
 
     def clear(self) -> tuple[int, list[Path]]:
-        """Delete every stage; return the bytes that were freed, and the folders that stay: they are not granpipe's.
+        """Delete every stage; return the bytes that were freed, and the folders that stay: they hold other files.
 
         Raises
         ------
@@ -148,6 +152,8 @@ class Store:
             return
         if folder.is_symlink() or not _is_marked(folder):
             raise DataError(f"{folder}: not a stage that granpipe wrote; move it away and run again")
+        if foreign := _foreign(folder):
+            raise DataError(f"{foreign[0]}: not written by granpipe; move it away and run again")
         shutil.rmtree(folder)
 
 
@@ -157,11 +163,44 @@ def evidence_kept(work: Path, evidence: Path) -> Iterator[None]:
     try:
         yield
     except (RunError, DataError) as error:
-        shutil.rmtree(evidence, ignore_errors=True)
+        _clear_evidence(evidence)
         shutil.move(work, evidence)
+        with contextlib.suppress(OSError, RunError):  # the disk may be full
+            write_manifest(evidence)
         error.evidence, error.args = evidence, (f"{error}\nevidence: {evidence}",)
         raise
+    _clear_evidence(evidence)
+
+
+def _clear_evidence(evidence: Path) -> None:
+    """Delete what a failed run left; where there are other files among it, all of it is kept under another name."""
+    if evidence.is_dir() and _foreign(evidence):
+        evidence.rename(evidence.with_name(f"{evidence.name}-{os.urandom(4).hex()}"))
     shutil.rmtree(evidence, ignore_errors=True)
+
+
+def _foreign(folder: Path) -> list[Path]:
+    """Files in a stage or in evidence that granpipe did not write: that no manifest beside or above them lists.
+
+    Where a manifest is damaged, or there is none at all, nothing tells, and all is taken for granpipe's. So are hidden
+    files, which it uses for what is not done yet.
+    """
+    if not (folder / MANIFEST).exists() and not any(folder.glob(f"*/{MANIFEST}")):
+        return []
+    found: list[Path] = []
+    own: set[Path] = set()
+    for place, folders, names in os.walk(folder):
+        here = Path(place)
+        hidden = {name for name in (*folders, *names) if name.startswith(".")}
+        folders[:] = [name for name in folders if name not in hidden | (_UNLISTED if here == folder else set())]
+        try:
+            own |= {here / name for name in read_manifest(here)}
+        except DataError:
+            if MANIFEST in names:
+                folders.clear()
+                continue
+        found += [here / name for name in names if name not in hidden | {_MARKER, MANIFEST}]
+    return [path for path in found if path not in own]
 
 
 def _mark(folder: Path, stage: str, key: str) -> None:

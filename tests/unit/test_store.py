@@ -15,8 +15,9 @@ import pytest
 from granpipe.errors import DataError, RunError
 from granpipe.system import files
 from granpipe.system.files import check_space, write_whole
+from granpipe.system.manifest import write_manifest
 from granpipe.system.publish import publishing, publishing_new
-from granpipe.system.store import Store, key_of
+from granpipe.system.store import Store, evidence_kept, key_of
 
 
 def writes(text: str) -> Callable[[Path], None]:
@@ -234,6 +235,53 @@ def test_clearing_deletes_stages_and_nothing_else(tmp_path: Path) -> None:
     assert [path.name for path in foreign] == ["copy-of-walls", "my-paper", "my-thesis"]
     assert (scratch / "my-thesis" / "chapter").read_text() == "years of work"
     assert (tmp_path / "results" / ".store").is_symlink()
+
+
+def in_parts(store: Store) -> Path:
+    """A stage in parts, as production leaves it."""
+    folder = store.begin("produce", "b")
+    for name, text in {"segment-00001/sums": "1", "logs/log": "2", "work/in": "3", ".part/half": "4"}.items():
+        (folder / name).parent.mkdir()
+        (folder / name).write_text(text)
+    write_manifest(folder / "segment-00001")
+    return folder
+
+
+@pytest.mark.parametrize("name", ["notes", "mine/notes", "below/notes", "segment-00001/notes"])
+@pytest.mark.parametrize("stage", ["walls", "produce"])
+def test_what_a_user_put_into_a_stage_is_not_deleted(tmp_path: Path, stage: str, name: str) -> None:
+    store = Store(tmp_path)
+    folder = store.make("walls", "a", writes("42")) if stage == "walls" else in_parts(store)
+    (folder / name).parent.mkdir(exist_ok=True)
+    (folder / name).write_text("mine")
+    assert store.clear()[1] == [folder]
+    assert (folder / name).read_text() == "mine"
+    if stage == "walls":
+        (folder / "below" / "result").write_text("damaged")
+        with pytest.raises(DataError, match=rf"{folder / name}: not written by granpipe; move it away"):
+            Store(tmp_path).make("walls", "a", writes("43"))
+    (folder / name).unlink()
+    assert store.clear()[1] == []
+    assert not folder.exists()
+
+
+def test_evidence_with_a_users_notes_is_kept_beside_that_of_the_next_failure(tmp_path: Path) -> None:
+    def fails() -> None:
+        work = tmp_path / "work"
+        work.mkdir()
+        (work / "log").write_text("lost atoms")
+        with pytest.raises(RunError, match="evidence: "), evidence_kept(work, tmp_path / "evidence"):
+            raise RunError("it failed")
+
+    fails()
+    fails()
+    assert [path.name for path in tmp_path.iterdir()] == ["evidence"]  # the first had nothing of the user's
+    (tmp_path / "evidence" / "notes").write_text("mine")
+    fails()
+    first, second = sorted(tmp_path.glob("evidence*"))
+    assert (second / "notes").read_text() == "mine"
+    assert (second / "log").exists()
+    assert not (first / "notes").exists()
 
 
 def test_a_store_that_a_run_uses_is_not_cleared(tmp_path: Path) -> None:
