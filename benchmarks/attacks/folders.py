@@ -264,7 +264,7 @@ def stores() -> Iterator[Attack]:
             return f"deleted {lost}" if lost else ""
 
         act = granpipe("clean", files={"results/.store": change})
-        return Attack("the store", name, act, right(check, "granpipe has not written it"), link)
+        return Attack("the store", name, act, right(check, "granpipe has not written all that is in it"), link)
 
     yield stored("a thesis", {"thesis": None})
     yield stored("a thesis behind a link", {"thesis": None}, link=True)
