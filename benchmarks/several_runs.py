@@ -52,7 +52,7 @@ def main() -> None:
 
 def rows(study: Path, reference: Path, truth: str | None, sums: Sequence[Sequence[str]]) -> Iterator[list[str]]:
     """Runs, their processor time, expected error, error with the truth's noise taken off, and the sum's own noise."""
-    found = load_points(Folder(study), Silent())
+    found = [point for point in load_points(Folder(study), Silent()) if not point.too_short]
     comparison = Comparison(found[0].plan.case, found, read_run(reference))
     points = {one.name: point_of(one) for one in (*found, comparison.reference) if one.setting}
     against = points[truth or comparison.reference.name]

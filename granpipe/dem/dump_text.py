@@ -235,12 +235,8 @@ class _Lines:
             columns = None if len(read) == len(first) else read
             values = np.loadtxt(rows, ndmin=2, comments=None, usecols=columns)
         except ValueError as error:
-            if self._unended:
-                raise self.truncated("the last line is incomplete") from error
             raise self.error(f"the numbers below this line cannot be read ({error})") from error
         if values.shape != (lines, len(read)) or len(first) != len(names):
-            if self._unended:
-                raise self.truncated("the last line is incomplete")
             raise self.error(f"{lines} lines of {len(names)} numbers expected below, found {values.shape}")
         if columns is None:
             return values
