@@ -285,6 +285,13 @@ class Liggghts:
                 times = psutil.Process(process).cpu_times()
                 self._spent[process] = times.user + times.system
 
+    def endless(self) -> str:
+        """That it has printed more than it may; empty where it has not."""
+        printed = self._output.stat().st_size
+        if printed <= self.limits.output_bytes:
+            return ""
+        return f"it printed {printed / 1e6:.0f} MB: it repeats itself without end"
+
     def fail(self, how: str, reason: str) -> RunError:
         """The error that tells how the run ended, why, by which command, and its last lines."""
         last = "\n  ".join(line[:200] for line in self._last_lines()[-5:])
@@ -307,6 +314,8 @@ class Liggghts:
         how = f"was killed by signal {-code}" if code < 0 else f"ended with status {code}"
         if code == -signal.SIGXFSZ or any("File size limit" in line for line in log):
             own = [f"a file outgrew its cap of {self.limits.file_bytes / 1e9:.3g} GB"]
+        if endless := self.endless():  # so fast that it ended before it was looked at
+            own = [endless]
         reason = own[-1] if own else _MEANINGS.get(self.status.message, "it did not reach the end of its deck")
         raise self.fail(how, reason + (_LOST_REMEDY if _LOST.search(reason) else ""))
 
@@ -328,9 +337,8 @@ class _Watch:
         self.quiet += 0.0 if self.run.paused else min(now - self.looked, 5 * _POLL)
         self.looked = now
         self._progress()
-        printed = (self.run.folder / "output.txt").stat().st_size
-        if printed > self.limits.output_bytes:
-            raise self.run.fail("was stopped", f"it printed {printed / 1e6:.0f} MB: it repeats itself without end")
+        if endless := self.run.endless():
+            raise self.run.fail("was stopped", endless)
         if now > self.measured + _MEMORY_EVERY:
             self.measured = now
             self.members = self.run.members()

@@ -159,6 +159,18 @@ def test_a_bed_that_never_rests_is_refused_with_the_remedy_and_leaves_its_log(
         assert (Path(str(error).rpartition("evidence: ")[2]) / "output.txt").stat().st_size > 100
 
 
+def test_output_without_end_is_named_although_the_program_ended_before_it_was_looked_at(
+    tiny: Path, results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_module, "_LEAST_FILE", 48 * 1024**2)
+    monkeypatch.setattr(run_module, "_POLL", 2.0)
+    monkeypatch.setenv("FAKE_LIGGGHTS", "endless@1")
+    error = str(fails(tiny, results))
+    assert "ended with status 1" in error
+    assert re.search(ENDINGS["endless"], error), error
+    assert all_gone(results)
+
+
 def test_memory_beyond_what_the_run_can_need_ends_it(
     tiny: Path, results: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
